@@ -1,2 +1,54 @@
 //! Learning a safe reward from a person who drives in a dream and says what they prefer, and why.
+//!
+//! # The four steps of DROPJ
+//!
+//! 1. [`world_model`] learns to observe, imagine and decode what [`env`] shows.
+//! 2. In a `dream` the user drives inside that model.
+//! 3. A [`query`] shows two segments of dreams; answers become labels, and labels a `reward`.
+//! 4. A `planner` drives the real car by imagining ahead, and `evaluation` says how well.
+//!
+//! A `session` remembers all of it, a `worker` does each slow part, and `ui` shows them.
+//! Data flows down this page: a module names only those before it (`tests/layering.rs`).
+//!
+//! # Modules
+//!
+//! | module | owns | invariant |
+//! |---|---|---|
+//! | [`tensor`] | rank checks, initialization, conversions | the only place that copies between Rust memory and torch |
+//! | [`env`] | physics, tracks, drawing, reward events | knows no tensor; a seed and the actions decide everything |
+//! | `dataset` | real episodes on disk: journal, sealed files, streaming reads | memory stays flat however many episodes |
+//! | [`world_model`] | VAE, MDN-RNN, their fitting | knows no window or clock; the only place that knows the order `[z \| c \| h]` |
+//! | `dream` | stepping the model as an environment | holds no randomness of its own: noise comes from the caller |
+//! | [`query`] | segments, what can be asked and answered, labels | plain data: no tensor |
+//! | `reward` | the ensemble and its fitting | never sees a frame: features and scaled actions only |
+//! | `planner` | candidates, imagined returns, the choice | a pure function of state, models and generator |
+//! | `simulate` | stand-ins for people: pilot, probe, annotator | once it labels it sees frames, never the simulator |
+//! | `evaluation` | episodes in the real world, metrics | takes a policy, returns numbers; same tracks for every method |
+//! | `session` | events, their log, replay; arrays and weights on disk | with `dataset` the only module that touches files; a session *is* its log |
+//! | `worker` | threads | the only module that starts one; a worker owns its models and shares nothing |
+//! | `ui` | egui, input devices, pictures | decides nothing: draws state, returns commands |
+//!
+//! # Shapes
+//!
+//! | letter | axis | car racing |
+//! |---|---|---|
+//! | B, T | batch, time | |
+//! | Z | latent | 32 |
+//! | M | memory: c, and as many h | 256 |
+//! | K | mixture components per latent coordinate | 5 |
+//! | A | action: steer, gas, brake | 3 |
+//! | E, S, H | ensemble, candidates, horizon | 3, 15, 15 |
+//! | P | pixels a side | 84 |
+//!
+//! # References
+//!
+//! - **DROPJ**: Kazantzidis, Norman, Freeman, Du. *Safe Reward Learning from Human Preferences and
+//!   Justifications.* ICAART 2026. "Method §n" in these pages is our restatement of it, with its slips put right.
+//! - **World Models**: Ha, Schmidhuber. 2018.
+//! - **ReQueST**: Reddy et al. *Learning human objectives by evaluating hypothetical behavior.* ICML 2020.
+//! - **PEBBLE**: Lee et al. ICML 2021. · **B-Pref**: Lee et al. NeurIPS 2021.
+
+pub mod tensor;
 pub mod env;
+pub mod world_model;
+pub mod query;

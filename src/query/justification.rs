@@ -1,0 +1,139 @@
+//! Reasons for a preference, ordered by severity and weighted (paper, Eq. 2).
+
+use serde::{Deserialize, Serialize};
+
+/// One of a session's [`Justifications`]: its place in the order of severity, 0 the most severe.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(transparent)]
+pub struct Justification(pub u8);
+
+/// Why a list of justifications cannot be used.
+#[derive(Debug, PartialEq, thiserror::Error)]
+pub enum JustificationError {
+    /// The list is empty.
+    #[error("there must be at least one justification, the default")]
+    Empty,
+    /// Two entries share a name.
+    #[error("the justification {0:?} is named twice")]
+    Twice(String),
+    /// A weight lies outside `(0.5, 1]`.
+    #[error("the weight of {name:?} must be above 0.5 and at most 1, but is {weight}")]
+    Weight {
+        /// Which one.
+        name: String,
+        /// Its weight.
+        weight: f32,
+    },
+    /// There is no justification of that name.
+    #[error("{0:?} is not a justification of this session")]
+    Unknown(String),
+}
+
+/// The justifications of a session, the most severe first, the default last.
+///
+/// # Examples
+///
+/// ```
+/// use dropj::query::Justifications;
+///
+/// let justifications = Justifications::new([("grass", 1.0), ("chuckhole", 0.95), ("default", 0.75)])?;
+/// let grass = justifications.named("grass")?;
+/// assert_eq!(justifications.weight(grass), 1.0);
+/// assert!(justifications.named("ice").is_err());
+/// # Ok::<(), dropj::query::JustificationError>(())
+/// ```
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(try_from = "Vec<(String, f32)>", into = "Vec<(String, f32)>")]
+pub struct Justifications(Vec<(String, f32)>);
+
+impl Justifications {
+    /// Names with their weights `w_k`, the most severe first, the default last.
+    pub fn new<S: Into<String>>(
+        named: impl IntoIterator<Item = (S, f32)>,
+    ) -> Result<Self, JustificationError> {
+        let named: Vec<(String, f32)> = named.into_iter().map(|(name, weight)| (name.into(), weight)).collect();
+        if named.is_empty() {
+            return Err(JustificationError::Empty);
+        }
+        for (i, (name, weight)) in named.iter().enumerate() {
+            if named[..i].iter().any(|(other, _)| other == name) {
+                return Err(JustificationError::Twice(name.clone()));
+            }
+            if !(*weight > 0.5 && *weight <= 1.0) {
+                return Err(JustificationError::Weight { name: name.clone(), weight: *weight });
+            }
+        }
+        Ok(Self(named))
+    }
+
+    /// Grass over the default: what a session asks for where nothing else is said.
+    ///
+    /// # Panics
+    /// Never: the weights are right.
+    pub fn car_racing() -> Self {
+        Self::new([("grass", 1.0), ("default", 0.75)]).unwrap_or_else(|e| unreachable!("{e}"))
+    }
+
+    /// The justification of this name.
+    pub fn named(&self, name: &str) -> Result<Justification, JustificationError> {
+        let place = self.0.iter().position(|(other, _)| other == name);
+        place
+            .map(|i| Justification(i as u8))
+            .ok_or_else(|| JustificationError::Unknown(name.to_owned()))
+    }
+
+    /// The most severe justification among the active ones, `k* = min {k : J_k = 1}`; the default where none is.
+    pub fn most_severe(&self, active: impl IntoIterator<Item = Justification>) -> Justification {
+        active.into_iter().min().unwrap_or(self.default())
+    }
+
+    /// The default, which always applies.
+    pub fn default(&self) -> Justification {
+        Justification((self.0.len() - 1) as u8)
+    }
+
+    /// The weight `w_k`, in `(0.5, 1]`; that of the default for one that is not of this list.
+    pub fn weight(&self, justification: Justification) -> f32 {
+        self.0.get(usize::from(justification.0)).unwrap_or(&self.0[self.0.len() - 1]).1
+    }
+
+    /// Each with its name and weight, the most severe first.
+    pub fn iter(&self) -> impl Iterator<Item = (Justification, &str, f32)> {
+        self.0.iter().enumerate().map(|(i, (name, weight))| (Justification(i as u8), name.as_str(), *weight))
+    }
+}
+
+impl TryFrom<Vec<(String, f32)>> for Justifications {
+    type Error = JustificationError;
+
+    fn try_from(named: Vec<(String, f32)>) -> Result<Self, JustificationError> {
+        Self::new(named)
+    }
+}
+
+impl From<Justifications> for Vec<(String, f32)> {
+    fn from(justifications: Justifications) -> Self {
+        justifications.0
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_most_severe_active_justification_is_named() {
+        let all = Justifications::new([("grass", 1.0), ("chuckhole", 0.95), ("default", 0.75)]).unwrap();
+        let (chuckhole, default) = (all.named("chuckhole").unwrap(), all.default());
+        assert_eq!(all.most_severe([default, chuckhole]), chuckhole);
+        assert_eq!(all.most_severe([]), default);
+    }
+
+    #[test]
+    fn weights_outside_their_range_are_refused() {
+        for weight in [0.5, 1.01, f32::NAN] {
+            let refused = Justifications::new([("grass", weight), ("default", 0.75)]);
+            assert!(matches!(refused, Err(JustificationError::Weight { .. })), "{weight} was taken");
+        }
+    }
+}

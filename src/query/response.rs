@@ -1,0 +1,137 @@
+//! What an annotator can say, such that nothing contradictory can be said.
+
+use serde::{Deserialize, Serialize};
+
+use crate::query::Justification;
+
+/// Which questions are asked (method §7).
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Protocol {
+    /// Left or right: strict preferences.
+    Drop,
+    /// Left, equal or right.
+    Drope,
+    /// Which clips stay safe; a preference only where both do.
+    #[default]
+    Dropj,
+    /// The most severe justification that applies, and a preference (Eq. 2).
+    DropjMulti,
+}
+
+impl Protocol {
+    /// All of them, in the order of the paper.
+    pub const ALL: [Self; 4] = [Self::Drop, Self::Drope, Self::Dropj, Self::DropjMulti];
+
+    /// The name in the paper.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Drop => "DROP",
+            Self::Drope => "DROPe",
+            Self::Dropj => "DROPJ",
+            Self::DropjMulti => "DROPJ (multiple)",
+        }
+    }
+
+    /// Whether `response` is one that this protocol asks for.
+    pub fn permits(self, response: &Response) -> bool {
+        match response {
+            Response::Skipped(_) => true,
+            Response::Preferred(Preference::Equal) => self == Self::Drope,
+            Response::Preferred(_) => matches!(self, Self::Drop | Self::Drope),
+            Response::Safety(_) => self == Self::Dropj,
+            Response::Justified(..) => self == Self::DropjMulti,
+        }
+    }
+}
+
+/// Which of two segments is better.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Preference {
+    /// The left one.
+    Left,
+    /// Neither is better.
+    Equal,
+    /// The right one.
+    Right,
+}
+
+impl Preference {
+    /// The same preference with the sides changed over.
+    pub fn mirrored(self) -> Self {
+        match self {
+            Self::Left => Self::Right,
+            Self::Equal => Self::Equal,
+            Self::Right => Self::Left,
+        }
+    }
+}
+
+/// Which of two segments stay safe: the four cases of the paper's Table 1.
+///
+/// A preference exists only where both are safe.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum SafetyAnswer {
+    /// Left is safe, right is not.
+    OnlyLeft,
+    /// Right is safe, left is not.
+    OnlyRight,
+    /// Both are unsafe.
+    Neither,
+    /// Both are safe, and this one is preferred.
+    Both(Preference),
+}
+
+impl SafetyAnswer {
+    /// The same answer with the sides changed over.
+    pub fn mirrored(self) -> Self {
+        match self {
+            Self::OnlyLeft => Self::OnlyRight,
+            Self::OnlyRight => Self::OnlyLeft,
+            Self::Neither => Self::Neither,
+            Self::Both(preference) => Self::Both(preference.mirrored()),
+        }
+    }
+}
+
+/// Why a query was left unanswered.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum SkipReason {
+    /// The dream does not look like the world.
+    Hallucinated,
+    /// The clips cannot be told apart.
+    Ambiguous,
+    /// Something else.
+    Other,
+}
+
+/// What the annotator did with a query.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Response {
+    /// Left it, perhaps saying why.
+    Skipped(Option<SkipReason>),
+    /// Said which is better: DROP and DROPe.
+    Preferred(Preference),
+    /// Said which stay safe: DROPJ.
+    Safety(SafetyAnswer),
+    /// Named the most severe justification that applies, and a preference: DROPJ with several justifications.
+    Justified(Justification, Preference),
+}
+
+impl Response {
+    /// The same response with the sides changed over.
+    pub fn mirrored(self) -> Self {
+        match self {
+            Self::Skipped(reason) => Self::Skipped(reason),
+            Self::Preferred(preference) => Self::Preferred(preference.mirrored()),
+            Self::Safety(answer) => Self::Safety(answer.mirrored()),
+            Self::Justified(justification, preference) => {
+                Self::Justified(justification, preference.mirrored())
+            }
+        }
+    }
+}

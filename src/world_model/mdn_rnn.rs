@@ -1,0 +1,291 @@
+//! Memory: a recurrent network that says where the latents go next, as mixtures of Gaussians (method §4).
+
+use rand::{Rng, RngExt as _};
+use serde::{Deserialize, Serialize};
+use tch::{Kind, Tensor, nn};
+
+use crate::env::Action;
+use crate::tensor::{dims, from_slice, normal, uniform};
+
+/// The shape of an [`MdnRnn`].
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct MdnRnnConfig {
+    /// Z: how many latents (`n_z`).
+    pub latent: i64,
+    /// M: how many cells the memory has, and as many outputs.
+    pub memory: i64,
+    /// K: Gaussians in the mixture of each latent.
+    pub components: i64,
+}
+
+impl MdnRnnConfig {
+    /// The paper's network for Car Racing (Table 4): 32 latents, 256 cells, 5 Gaussians, 423 392 parameters.
+    pub fn car_racing() -> Self {
+        Self { latent: 32, memory: 256, components: 5 }
+    }
+
+    /// A toy for tests.
+    pub fn tiny() -> Self {
+        Self { latent: 4, memory: 16, components: 2 }
+    }
+}
+
+/// What the recurrent network remembers, each `[B, M]`.
+#[derive(Debug)]
+pub struct Memory {
+    /// The cell state; not normalized, and the largest part of what the reward reads.
+    pub c: Tensor,
+    /// The output.
+    pub h: Tensor,
+}
+
+impl Memory {
+    /// Nothing remembered, for a batch of `b`.
+    pub fn zeros(b: i64, config: &MdnRnnConfig) -> Self {
+        let zeros = || Tensor::zeros([b, config.memory], (Kind::Float, tch::Device::Cpu));
+        Self { c: zeros(), h: zeros() }
+    }
+}
+
+impl Clone for Memory {
+    fn clone(&self) -> Self {
+        Self { c: self.c.shallow_clone(), h: self.h.shallow_clone() }
+    }
+}
+
+/// A mixture of K Gaussians **for each latent coordinate by itself**; the three tensors are `[…, Z, K]`.
+///
+/// (Some world models share one mixture over all coordinates; this one, like the original, does not.)
+#[derive(Debug)]
+pub struct Mixture {
+    /// Logarithms of the weights, normalized over K.
+    pub log_pi: Tensor,
+    /// Means.
+    pub mean: Tensor,
+    /// Logarithms of the standard deviations, not clamped.
+    pub log_std: Tensor,
+}
+
+/// The randomness of one imagined step, drawn in Rust so that torch's global generator plays no part.
+#[derive(Debug)]
+pub struct Noise {
+    /// Uniform in `[0, 1)`, `[B, Z]`: picks the component.
+    pub uniform: Tensor,
+    /// Standard normal, `[B, Z]`: the place in it.
+    pub normal: Tensor,
+}
+
+impl Noise {
+    /// Fresh noise for a batch of `b` states of `latent` coordinates.
+    pub fn draw(b: i64, latent: i64, rng: &mut impl Rng) -> Self {
+        let uniform: Vec<f32> = (0..b * latent).map(|_| rng.random()).collect();
+        Self { uniform: from_slice(&uniform, &[b, latent]), normal: normal(rng, &[b, latent]) }
+    }
+}
+
+impl Mixture {
+    /// The negative logarithm of the density at `y`, for every coordinate.
+    ///
+    /// ```text
+    /// ℓ = −logsumexp_k [ log π_k − ½ ((y − m_k) / e^{s_k})² − s_k − ½ ln 2π ]
+    /// ```
+    ///
+    /// # Shapes
+    /// - `y`: `[…, Z]`
+    /// - returns nats, `[…, Z]`
+    pub fn nll(&self, y: &Tensor) -> Tensor {
+        let standard = (y.unsqueeze(-1) - &self.mean) * (-&self.log_std).exp();
+        let half_ln_2_pi = 0.5 * (2.0 * std::f64::consts::PI).ln();
+        let log_density = &self.log_pi - standard.square() * 0.5 - &self.log_std - half_ln_2_pi;
+        -log_density.logsumexp(-1, false)
+    }
+
+    /// A draw at `temperature` τ: components from softmax(log π / τ), deviations times √τ (method §4.5).
+    ///
+    /// # Shapes
+    /// - returns `[B, Z]`
+    pub fn sample(&self, temperature: f64, noise: &Noise) -> Tensor {
+        let cumulative = (&self.log_pi / temperature).softmax(-1, Kind::Float).cumsum(-1, Kind::Float);
+        // The first component whose cumulative weight reaches u: as many as lie below it; rounding must not pass the last.
+        let last = self.log_pi.size()[self.log_pi.dim() - 1] - 1;
+        let component = cumulative.lt_tensor(&noise.uniform.unsqueeze(-1)).sum_dim_intlist(-1, true, Kind::Int64);
+        let component = component.clamp_max(last); // [B, Z, 1]
+        let mean = self.mean.gather(-1, &component, false).squeeze_dim(-1);
+        let std = self.log_std.gather(-1, &component, false).squeeze_dim(-1).exp();
+        mean + std * temperature.sqrt() * &noise.normal
+    }
+
+    /// The mean of the mixture sharpened by `temperature` τ: `Σ_k softmax(log π / τ)_k m_k`.
+    ///
+    /// # Shapes
+    /// - returns `[B, Z]`
+    pub fn mean(&self, temperature: f64) -> Tensor {
+        let weights = (&self.log_pi / temperature).softmax(-1, Kind::Float);
+        (weights * &self.mean).sum_dim_intlist(-1, false, Kind::Float)
+    }
+}
+
+/// A trained or trainable memory.
+#[derive(Debug)]
+pub struct MdnRnn {
+    config: MdnRnnConfig,
+    /// Input weights, recurrent weights, and the two biases: gates in the order i, f, g, o.
+    lstm: [Tensor; 4],
+    head: Tensor,
+    head_bias: Tensor,
+}
+
+impl MdnRnn {
+    /// A fresh network under `path`, drawn by `rng` as PyTorch draws it.
+    pub fn new(path: &nn::Path<'_>, config: MdnRnnConfig, rng: &mut impl Rng) -> Self {
+        let (m, inputs) = (config.memory, config.latent + Action::LEN as i64);
+        let outputs = config.latent * config.components * 3;
+        let bound = 1.0 / (m as f64).sqrt();
+        let lstm = path / "lstm";
+        let lstm = [
+            lstm.var_copy("weight_ih", &uniform(rng, &[4 * m, inputs], bound)),
+            lstm.var_copy("weight_hh", &uniform(rng, &[4 * m, m], bound)),
+            lstm.var_copy("bias_ih", &uniform(rng, &[4 * m], bound)),
+            lstm.var_copy("bias_hh", &uniform(rng, &[4 * m], bound)),
+        ];
+        let head = (path / "head").var_copy("weight", &uniform(rng, &[outputs, m], bound));
+        let head_bias = (path / "head").var_copy("bias", &uniform(rng, &[outputs], bound));
+        Self { config, lstm, head, head_bias }
+    }
+
+    /// The shape of this network.
+    pub fn config(&self) -> &MdnRnnConfig {
+        &self.config
+    }
+
+    /// The memory after taking in latents and an action.
+    ///
+    /// # Shapes
+    /// - `z`: `[B, Z]`, `actions`: `[B, A]` as driven, not scaled
+    pub fn remember(&self, z: &Tensor, actions: &Tensor, memory: &Memory) -> Memory {
+        let [w_ih, w_hh, b_ih, b_hh] = &self.lstm;
+        let input = Tensor::cat(&[z, actions], 1);
+        let (h, c) = input.lstm_cell(&[&memory.h, &memory.c], w_ih, w_hh, Some(b_ih), Some(b_hh));
+        Memory { c, h }
+    }
+
+    /// Where the latents go from a memory that has taken in the present.
+    ///
+    /// # Shapes
+    /// - `h`: `[…, M]`
+    pub fn mixture(&self, h: &Tensor) -> Mixture {
+        let MdnRnnConfig { latent, components, .. } = self.config;
+        // The head's layout: for each latent, K logits, then K means, then K log-stds (method §4.1).
+        let mut shape = h.size();
+        shape.pop();
+        shape.extend([latent, 3, components]);
+        let out = h.linear(&self.head, Some(&self.head_bias)).view(shape.as_slice()); // […, Z, 3, K]
+        let part = |i| out.select(-2, i);
+        Mixture { log_pi: part(0).log_softmax(-1, Kind::Float), mean: part(1), log_std: part(2) }
+    }
+
+    /// Every output of a run over whole sequences, from an empty memory.
+    ///
+    /// # Shapes
+    /// - `zs`: `[B, T, Z]`, `actions`: `[B, T, A]`
+    /// - returns h, `[B, T, M]`
+    fn run(&self, zs: &Tensor, actions: &Tensor) -> Tensor {
+        let [b, ..] = dims::<3>(zs);
+        let Memory { c, h } = Memory::zeros(b, &self.config);
+        let input = Tensor::cat(&[zs, actions], 2);
+        let is_training = Tensor::requires_grad(&self.lstm[0]);
+        let (hs, ..) = input.lstm(&[h, c], &self.lstm.each_ref(), true, 1, 0.0, is_training, false, true);
+        hs
+    }
+
+    /// How surprised the memory is by what came: the mean over all real steps and coordinates (method §4.3).
+    ///
+    /// Step t's latents and action are answered for by step t + 1's latents; the last action is not used.
+    ///
+    /// # Shapes
+    /// - `zs`: `[B, T, Z]`, `actions`: `[B, T, A]`, `lens`: how many of the T steps of each row are real
+    /// - returns nats per coordinate, `[]`
+    pub fn loss(&self, zs: &Tensor, actions: &Tensor, lens: &[i64]) -> Tensor {
+        let [_, t, z] = dims(zs);
+        let hs = self.run(&zs.narrow(1, 0, t - 1), &actions.narrow(1, 0, t - 1)); // [B, T − 1, M]
+        let nll = self.mixture(&hs).nll(&zs.narrow(1, 1, t - 1)); // [B, T − 1, Z]
+        // DIFFERENCE: the authors count padded steps too; we do not.
+        let step = Tensor::arange(t - 1, (Kind::Int64, tch::Device::Cpu));
+        let n_targets = Tensor::from_slice(lens).unsqueeze(1) - 1;
+        let mask = step.unsqueeze(0).lt_tensor(&n_targets).to_kind(Kind::Float).unsqueeze(2); // [B, T − 1, 1]
+        let n = mask.sum(Kind::Float) * z as f64;
+        (nll * mask).sum(Kind::Float) / n
+    }
+}
+
+
+#[cfg(test)]
+mod tests {
+    use rand::SeedableRng as _;
+    use rand_chacha::ChaCha8Rng;
+    use tch::Device;
+
+    use super::*;
+    use crate::tensor::to_vec;
+
+    fn rng() -> ChaCha8Rng {
+        ChaCha8Rng::seed_from_u64(0)
+    }
+
+    #[test]
+    fn the_car_racing_network_has_the_papers_size() {
+        let store = nn::VarStore::new(Device::Cpu);
+        MdnRnn::new(&store.root(), MdnRnnConfig::car_racing(), &mut rng());
+        let n_parameters: usize = store.variables().values().map(Tensor::numel).sum();
+        assert_eq!(n_parameters, 423_392);
+    }
+
+    #[test]
+    fn equal_unit_gaussians_at_their_mean_cost_half_the_logarithm_of_two_pi() {
+        let zeros = || Tensor::zeros([1, 2, 5], (Kind::Float, Device::Cpu));
+        let mixture = Mixture { log_pi: zeros().log_softmax(-1, Kind::Float), mean: zeros(), log_std: zeros() };
+        let nll = mixture.nll(&Tensor::zeros([1, 2], (Kind::Float, Device::Cpu)));
+        assert!((nll.mean(Kind::Float).double_value(&[]) - 0.918_938_5).abs() < 1e-6);
+    }
+
+    #[test]
+    fn a_sample_comes_from_the_component_that_the_uniform_noise_picks() {
+        let log_pi = from_slice(&[0.25f32.ln(), 0.75f32.ln()], &[1, 1, 2]);
+        let mixture = Mixture {
+            log_pi,
+            mean: from_slice(&[-1.0, 1.0], &[1, 1, 2]),
+            log_std: from_slice(&[-20.0, -20.0], &[1, 1, 2]),
+        };
+        let draw = |u| {
+            let noise = Noise { uniform: from_slice(&[u], &[1, 1]), normal: from_slice(&[0.0], &[1, 1]) };
+            to_vec(&mixture.sample(1.0, &noise))[0]
+        };
+        assert_eq!([draw(0.2), draw(0.3), draw(0.999_999_9)], [-1.0, 1.0, 1.0]);
+        assert!((mixture.mean(1.0).double_value(&[0, 0]) - 0.5).abs() < 1e-6, "the mean weighs both");
+        assert!(mixture.mean(0.1).double_value(&[0, 0]) > 0.99, "a low temperature sharpens");
+    }
+
+    #[test]
+    fn running_a_sequence_is_remembering_step_by_step() {
+        let store = nn::VarStore::new(Device::Cpu);
+        let mdn_rnn = MdnRnn::new(&store.root(), MdnRnnConfig::tiny(), &mut rng());
+        let (zs, actions) = (normal(&mut rng(), &[2, 6, 4]), normal(&mut rng(), &[2, 6, 3]));
+        let hs = mdn_rnn.run(&zs, &actions);
+        let mut memory = Memory::zeros(2, mdn_rnn.config());
+        for t in 0..6 {
+            memory = mdn_rnn.remember(&zs.select(1, t), &actions.select(1, t), &memory);
+        }
+        assert!((hs.select(1, 5) - memory.h).abs().max().double_value(&[]) < 1e-5);
+    }
+
+    #[test]
+    fn padding_does_not_count() {
+        let store = nn::VarStore::new(Device::Cpu);
+        let mdn_rnn = MdnRnn::new(&store.root(), MdnRnnConfig::tiny(), &mut rng());
+        let (zs, actions) = (normal(&mut rng(), &[1, 6, 4]), normal(&mut rng(), &[1, 6, 3]));
+        let short = mdn_rnn.loss(&zs.narrow(1, 0, 4), &actions.narrow(1, 0, 4), &[4]).double_value(&[]);
+        let padded = mdn_rnn.loss(&zs, &actions, &[4]).double_value(&[]);
+        assert!((short - padded).abs() < 1e-6, "{short} and {padded}");
+    }
+}

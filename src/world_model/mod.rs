@@ -1,0 +1,260 @@
+//! What the agent believes about the world: a simulation learned from recordings (Step 1 of the method).
+//!
+//! Knows no window, clock or file, and is the only place that knows the order `[z | c | h]` of a state's features.
+
+pub mod mdn_rnn;
+pub mod vae;
+
+use rand::{Rng, SeedableRng as _};
+use rand_chacha::ChaCha8Rng;
+use serde::{Deserialize, Serialize};
+use tch::{Device, Kind, Tensor, nn};
+
+use crate::env::{Action, Frame};
+use crate::tensor::{Parameters, ParametersError, from_frames, from_slice, to_frames, to_vec};
+
+pub use mdn_rnn::{MdnRnn, MdnRnnConfig, Memory, Mixture, Noise};
+pub use vae::{Layer, Vae, VaeConfig};
+
+/// The shapes of both networks.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct WorldModelConfig {
+    /// The environment whose recordings it learns from, as on the command line.
+    pub env: String,
+    /// Vision.
+    pub vae: VaeConfig,
+    /// Memory.
+    pub mdn_rnn: MdnRnnConfig,
+}
+
+impl WorldModelConfig {
+    /// The paper's networks for Car Racing.
+    pub fn car_racing() -> Self {
+        Self { env: "car-racing".to_owned(), vae: VaeConfig::car_racing(), mdn_rnn: MdnRnnConfig::car_racing() }
+    }
+
+    /// Toys for tests.
+    pub fn tiny() -> Self {
+        Self { env: "dummy-road".to_owned(), vae: VaeConfig::tiny(), mdn_rnn: MdnRnnConfig::tiny() }
+    }
+
+    /// How many features a state has: Z + 2 M.
+    pub fn n_features(&self) -> i64 {
+        self.mdn_rnn.latent + 2 * self.mdn_rnn.memory
+    }
+}
+
+/// A batch of states: latents, and the memory *before* taking in these latents and the action to come.
+#[derive(Debug)]
+pub struct State {
+    /// `[B, Z]`.
+    pub z: Tensor,
+    /// `[B, M]` twice.
+    pub memory: Memory,
+}
+
+impl Clone for State {
+    fn clone(&self) -> Self {
+        Self { z: self.z.shallow_clone(), memory: self.memory.clone() }
+    }
+}
+
+impl State {
+    /// What the reward reads: `[z | c | h]`, the only concatenation.
+    ///
+    /// # Shapes
+    /// - returns `[B, Z + 2 M]`
+    pub fn features(&self) -> Tensor {
+        // DIFFERENCE: the paper writes [h, z]; the authors' code, which made the numbers, has this order (method §14.6).
+        Tensor::cat(&[&self.z, &self.memory.c, &self.memory.h], 1)
+    }
+
+    /// This state `b` times over; it must be a batch of one.
+    pub fn repeated(&self, b: i64) -> Self {
+        let repeat = |tensor: &Tensor| tensor.expand([b, -1], false);
+        let memory = Memory { c: repeat(&self.memory.c), h: repeat(&self.memory.h) };
+        Self { z: repeat(&self.z), memory }
+    }
+}
+
+/// One state as plain data, for channels and files.
+#[derive(Clone, Debug, PartialEq)]
+pub struct LatentState {
+    /// Z latents.
+    pub z: Vec<f32>,
+    /// M cells.
+    pub c: Vec<f32>,
+    /// M outputs.
+    pub h: Vec<f32>,
+}
+
+impl From<&LatentState> for State {
+    fn from(state: &LatentState) -> Self {
+        let row = |values: &[f32]| from_slice(values, &[1, values.len() as i64]);
+        Self { z: row(&state.z), memory: Memory { c: row(&state.c), h: row(&state.h) } }
+    }
+}
+
+impl From<&State> for LatentState {
+    fn from(state: &State) -> Self {
+        Self { z: to_vec(&state.z), c: to_vec(&state.memory.c), h: to_vec(&state.memory.h) }
+    }
+}
+
+/// How the next latents follow from their mixture (method §4.5).
+#[derive(Clone, Copy, Debug)]
+pub enum Next<'a> {
+    /// Drawn: in dreams, at temperature 1.
+    Sample {
+        /// τ.
+        temperature: f64,
+        /// The caller's randomness.
+        noise: &'a Noise,
+    },
+    /// The mean: in planning, at temperature 0.1.
+    Mean {
+        /// τ.
+        temperature: f64,
+    },
+}
+
+/// Vision and memory together, for use; their training is in `fit`.
+#[derive(Debug)]
+pub struct WorldModel {
+    config: WorldModelConfig,
+    parameters: Parameters,
+    /// Full precision: latents decide.
+    eyes: Vae,
+    /// Whatever is quickest here: pictures are only looked at.
+    brush: Vae,
+    mdn_rnn: MdnRnn,
+}
+
+/// Why a world model cannot be loaded.
+#[derive(Debug, thiserror::Error)]
+pub enum WorldModelError {
+    /// The parameters are wrong.
+    #[error("cannot load the world model: {0}")]
+    Parameters(#[from] ParametersError),
+    /// The header does not describe networks.
+    #[error("cannot load the world model: its header does not describe one ({0})")]
+    Header(String),
+}
+
+impl WorldModel {
+    /// The model whose networks `parameters` hold; their header says which they are.
+    pub fn load(parameters: Parameters) -> Result<Self, WorldModelError> {
+        let header = parameters.metadata("config").unwrap_or_default();
+        let config: WorldModelConfig =
+            serde_json::from_str(&header).map_err(|e| WorldModelError::Header(e.to_string()))?;
+        // The draw is overwritten at once.
+        let rng = &mut ChaCha8Rng::seed_from_u64(0);
+        let (vision, memory) = (nn::VarStore::new(Device::Cpu), nn::VarStore::new(Device::Cpu));
+        let vae = Vae::new(&vision.root(), config.vae.clone(), Kind::Float, rng);
+        let mdn_rnn = MdnRnn::new(&memory.root(), config.mdn_rnn.clone(), rng);
+        parameters.load("vae", &vision)?;
+        parameters.load("mdn_rnn", &memory)?;
+        let (mut memory, eyes, brush) = (memory, vae.frozen(Kind::Float), vae.frozen(fast_kind()));
+        memory.freeze();
+        Ok(Self { config, parameters, eyes, brush, mdn_rnn })
+    }
+
+    /// Both networks as they are trained: what [`Self::load`] takes.
+    pub fn parameters_of(config: &WorldModelConfig, vision: &nn::VarStore, memory: &nn::VarStore) -> Parameters {
+        let header = serde_json::to_string(config).unwrap_or_else(|e| unreachable!("plain data: {e}"));
+        Parameters::of(&[("vae", vision), ("mdn_rnn", memory)], &[("config", header)])
+    }
+
+    /// The shapes of the networks.
+    pub fn config(&self) -> &WorldModelConfig {
+        &self.config
+    }
+
+    /// What identifies this model: everything dreamed with it names it.
+    pub fn hash(&self) -> String {
+        self.parameters.hash()
+    }
+
+    /// The parameters this was loaded from.
+    pub fn parameters(&self) -> &Parameters {
+        &self.parameters
+    }
+
+    /// The latents of frames: the encoder's means.
+    ///
+    /// # Shapes
+    /// - returns `[B, Z]`
+    pub fn observe(&self, frames: &[Frame]) -> Tensor {
+        tch::no_grad(|| self.eyes.encode(&from_frames(frames)).0)
+    }
+
+    /// An empty memory for a batch of `b`.
+    pub fn no_memory(&self, b: i64) -> Memory {
+        Memory::zeros(b, &self.config.mdn_rnn)
+    }
+
+    /// The memory after taking in a state and an action; it depends on nothing else.
+    ///
+    /// # Shapes
+    /// - `actions`: `[B, A]`, as driven
+    pub fn remember(&self, state: &State, actions: &Tensor) -> Memory {
+        tch::no_grad(|| self.mdn_rnn.remember(&state.z, actions, &state.memory))
+    }
+
+    /// The state that follows `state` under `actions`.
+    ///
+    /// # Shapes
+    /// - `actions`: `[B, A]`, as driven
+    pub fn imagine(&self, state: &State, actions: &Tensor, next: Next<'_>) -> State {
+        tch::no_grad(|| {
+            let memory = self.mdn_rnn.remember(&state.z, actions, &state.memory);
+            let mixture = self.mdn_rnn.mixture(&memory.h);
+            let z = match next {
+                Next::Sample { temperature, noise } => mixture.sample(temperature, noise),
+                Next::Mean { temperature } => mixture.mean(temperature),
+            };
+            State { z, memory }
+        })
+    }
+
+    /// What the model expects after `memory`, for measuring surprise and doubt.
+    pub fn expect(&self, memory: &Memory) -> Mixture {
+        tch::no_grad(|| self.mdn_rnn.mixture(&memory.h))
+    }
+
+    /// The pictures of latents.
+    ///
+    /// # Shapes
+    /// - `z`: `[B, Z]`
+    pub fn decode(&self, z: &Tensor) -> Vec<Frame> {
+        tch::no_grad(|| to_frames(&self.brush.decode(z)))
+    }
+}
+
+/// A tensor of actions as driven.
+///
+/// # Shapes
+/// - returns `[B, A]`
+pub fn actions_tensor(actions: &[Action]) -> Tensor {
+    let values: Vec<f32> = actions.iter().flat_map(|action| action.to_array()).collect();
+    from_slice(&values, &[actions.len() as i64, Action::LEN as i64])
+}
+
+/// The arithmetic in which convolutions are quickest on this processor.
+pub fn fast_kind() -> Kind {
+    #[cfg(target_arch = "x86_64")]
+    if std::arch::is_x86_feature_detected!("avx512bf16") {
+        return Kind::BFloat16;
+    }
+    Kind::Float
+}
+
+/// A world model that has learned nothing, for tests and for measuring speed.
+pub fn untrained(config: &WorldModelConfig, rng: &mut impl Rng) -> WorldModel {
+    let (vision, memory) = (nn::VarStore::new(Device::Cpu), nn::VarStore::new(Device::Cpu));
+    Vae::new(&vision.root(), config.vae.clone(), Kind::Float, rng);
+    MdnRnn::new(&memory.root(), config.mdn_rnn.clone(), rng);
+    let parameters = WorldModel::parameters_of(config, &vision, &memory);
+    WorldModel::load(parameters).unwrap_or_else(|e| unreachable!("just made: {e}"))
+}

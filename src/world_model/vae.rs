@@ -1,0 +1,398 @@
+//! Vision: a variational autoencoder from frames to latents and back (method §3).
+//!
+//! Pictures are `[B, P, P, C]` throughout, channels last, which is what the processor likes best.
+
+use rand::Rng;
+use serde::{Deserialize, Serialize};
+use tch::{Kind, Tensor, nn};
+
+use crate::tensor::{dims, uniform};
+
+/// One convolution: what it makes and how it moves.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Layer {
+    /// Channels that come out.
+    pub channels: i64,
+    /// Pixels a side of the kernel.
+    pub kernel: i64,
+    /// Pixels from one place of the kernel to the next.
+    pub stride: i64,
+    /// Pixels added on every side.
+    pub padding: i64,
+}
+
+/// The shape of a [`Vae`] and its one hyper-parameter.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct VaeConfig {
+    /// P: pixels a side of a frame.
+    pub side: i64,
+    /// Z: how many latents (`n_z`).
+    pub latent: i64,
+    /// From the frame inwards.
+    pub encoder: Vec<Layer>,
+    /// From the latents outwards; the last makes the three colors.
+    pub decoder: Vec<Layer>,
+    /// τ: nats per latent below which the divergence costs nothing more.
+    pub free_bits: f64,
+}
+
+impl VaeConfig {
+    /// The paper's network for Car Racing (Table 3): 84 pixels, 32 latents, 3 337 747 parameters.
+    pub fn car_racing() -> Self {
+        // DIFFERENCE: Table 3 prints the third stride as 1, which does not give the sizes it prints; it is 2.
+        let encoder = layers(&[(24, 4, 2), (48, 4, 2), (96, 4, 2), (192, 4, 1), (384, 4, 1)], 0);
+        let decoder = layers(&[(192, 4, 1), (96, 4, 1), (48, 5, 2), (24, 5, 2), (3, 4, 2)], 0);
+        Self { side: 84, latent: 32, encoder, decoder, free_bits: 0.5 }
+    }
+
+    /// A toy for tests: 20 pixels, 4 latents.
+    pub fn tiny() -> Self {
+        let encoder = layers(&[(8, 4, 2), (16, 4, 2)], 0);
+        let decoder = layers(&[(8, 5, 2), (3, 4, 2)], 0);
+        Self { side: 20, latent: 4, encoder, decoder, free_bits: 0.1 }
+    }
+
+    /// Pixels a side where encoder and decoder meet.
+    fn bottom(&self) -> i64 {
+        let shrink = |side, layer: &Layer| (side + 2 * layer.padding - layer.kernel) / layer.stride + 1;
+        self.encoder.iter().fold(self.side, shrink)
+    }
+
+    /// Channels where encoder and decoder meet.
+    fn depth(&self) -> i64 {
+        self.encoder.last().map_or(3, |layer| layer.channels)
+    }
+}
+
+fn layers(all: &[(i64, i64, i64)], padding: i64) -> Vec<Layer> {
+    all.iter().map(|&(channels, kernel, stride)| Layer { channels, kernel, stride, padding }).collect()
+}
+
+/// A trained or trainable autoencoder.
+#[derive(Debug)]
+pub struct Vae {
+    config: VaeConfig,
+    /// The arithmetic of the convolutions; the rest is `f32`.
+    kind: Kind,
+    encoder: Vec<Conv>,
+    mean: Linear,
+    log_var: Linear,
+    decoder_in: Linear,
+    decoder: Vec<Deconv>,
+}
+
+impl Vae {
+    /// A fresh network under `path`, drawn by `rng` as PyTorch draws it (method §3.5), computing in `kind`.
+    pub fn new(path: &nn::Path<'_>, config: VaeConfig, kind: Kind, rng: &mut impl Rng) -> Self {
+        let (bottom, depth, latent) = (config.bottom(), config.depth(), config.latent);
+        let mut channels = 3;
+        let mut encoder = Vec::new();
+        for (i, layer) in config.encoder.iter().enumerate() {
+            encoder.push(Conv::new(&(path / format!("conv{}", i + 1)), channels, *layer, rng));
+            channels = layer.channels;
+        }
+        let n_features = depth * bottom * bottom;
+        let mean = Linear::new(&(path / "fc_mu"), n_features, latent, rng);
+        let log_var = Linear::new(&(path / "fc_logvar"), n_features, latent, rng);
+        let decoder_in = Linear::new(&(path / "dec_fc"), latent, n_features, rng);
+        let mut decoder = Vec::new();
+        for (i, layer) in config.decoder.iter().enumerate() {
+            decoder.push(Deconv::new(&(path / format!("deconv{}", i + 1)), channels, *layer, rng));
+            channels = layer.channels;
+        }
+        Self { config, kind, encoder, mean, log_var, decoder_in, decoder }
+    }
+
+    /// A copy for use alone, its weights already in `kind`; it cannot be trained.
+    pub fn frozen(&self, kind: Kind) -> Self {
+        Self {
+            config: self.config.clone(),
+            kind,
+            encoder: self.encoder.iter().map(|layer| layer.frozen(kind)).collect(),
+            mean: self.mean.frozen(),
+            log_var: self.log_var.frozen(),
+            decoder_in: self.decoder_in.frozen(),
+            decoder: self.decoder.iter().map(|layer| layer.frozen(kind)).collect(),
+        }
+    }
+
+    /// The shape of this network.
+    pub fn config(&self) -> &VaeConfig {
+        &self.config
+    }
+
+    /// Mean and logarithm of the variance of the latents of each picture.
+    ///
+    /// # Shapes
+    /// - `pixels`: `[B, P, P, 3]` in `[0, 1]`
+    /// - returns two `[B, Z]`
+    pub fn encode(&self, pixels: &Tensor) -> (Tensor, Tensor) {
+        let [b, ..] = dims::<4>(pixels);
+        let mut x = pixels.to_kind(self.kind);
+        for layer in &self.encoder {
+            x = layer.forward(&x, self.kind).relu();
+        }
+        // DIFFERENCE: features are flattened with the channels last; the same network with its rows in another order.
+        let x = x.to_kind(Kind::Float).reshape([b, -1]);
+        (self.mean.forward(&x), self.log_var.forward(&x))
+    }
+
+    /// The pictures of latents.
+    ///
+    /// # Shapes
+    /// - `z`: `[B, Z]`
+    /// - returns `[B, P, P, 3]` in `(0, 1)`
+    pub fn decode(&self, z: &Tensor) -> Tensor {
+        let [b, _] = dims(z);
+        let bottom = self.config.bottom();
+        let mut x = self.decoder_in.forward(z).view([b, bottom, bottom, -1]).to_kind(self.kind);
+        for (i, layer) in self.decoder.iter().enumerate() {
+            if i > 0 {
+                x = x.relu();
+            }
+            x = layer.forward(&x, self.kind);
+        }
+        x.to_kind(Kind::Float).sigmoid()
+    }
+
+    /// The two parts of the loss, each averaged over the batch (method §3.3).
+    ///
+    /// ```text
+    /// z = μ + exp(½ logvar) ε
+    /// R = Σ (x̂ − x)²            over all 3 P² values
+    /// KL = max(−½ Σ (1 + logvar − μ² − exp(logvar)), τ Z)
+    /// ```
+    ///
+    /// # Shapes
+    /// - `pixels`: `[B, P, P, 3]`, `noise` (ε): `[B, Z]`
+    pub fn loss(&self, pixels: &Tensor, noise: &Tensor) -> VaeLoss {
+        let [b, ..] = dims::<4>(pixels);
+        let (mean, log_var) = self.encode(pixels);
+        let z = &mean + (&log_var * 0.5).exp() * noise;
+        let error: Tensor = self.decode(&z) - pixels;
+        let reconstruction = error.square().sum(Kind::Float) / b as f64;
+        let terms: Tensor = 1.0 + &log_var - mean.square() - log_var.exp();
+        let divergence = terms.sum_dim_intlist(1, false, Kind::Float) * -0.5; // [B]
+        let floor = self.config.free_bits * self.config.latent as f64;
+        let divergence = divergence.clamp_min(floor).mean(Kind::Float);
+        VaeLoss { reconstruction, divergence }
+    }
+}
+
+/// What a [`Vae`] is trained to lessen: the sum of both.
+#[derive(Debug)]
+pub struct VaeLoss {
+    /// Squared error summed over a picture: `[]`.
+    pub reconstruction: Tensor,
+    /// Nats beyond the prior, at least the free ones: `[]`.
+    pub divergence: Tensor,
+}
+
+/// `y = x Wᵀ + b`.
+#[derive(Debug)]
+struct Linear {
+    weight: Tensor,
+    bias: Tensor,
+}
+
+impl Linear {
+    fn new(path: &nn::Path<'_>, inputs: i64, outputs: i64, rng: &mut impl Rng) -> Self {
+        let bound = 1.0 / (inputs as f64).sqrt();
+        let weight = path.var_copy("weight", &uniform(rng, &[outputs, inputs], bound));
+        let bias = path.var_copy("bias", &uniform(rng, &[outputs], bound));
+        Self { weight, bias }
+    }
+
+    fn frozen(&self) -> Self {
+        Self { weight: self.weight.detach().copy(), bias: self.bias.detach().copy() }
+    }
+
+    fn forward(&self, x: &Tensor) -> Tensor {
+        x.linear(&self.weight, Some(&self.bias))
+    }
+}
+
+/// The layers that are large and cover few pixels pass faster as one matrix product (measured; see the benches).
+fn as_matrix(inputs: i64, layer: Layer) -> bool {
+    inputs + layer.channels >= 280 && layer.kernel == 4 && layer.padding == 0
+}
+
+fn channels_first(x: &Tensor) -> Tensor {
+    x.permute([0, 3, 1, 2])
+}
+
+fn channels_last(x: &Tensor) -> Tensor {
+    x.permute([0, 2, 3, 1])
+}
+
+/// A convolution over channels-last pictures.
+///
+/// As a matrix its weight is `[k · k · in, out]`, rows ordered by kernel row, kernel column, channel;
+/// otherwise `[out, in, k, k]`.
+#[derive(Debug)]
+struct Conv {
+    layer: Layer,
+    is_matrix: bool,
+    weight: Tensor,
+    bias: Tensor,
+}
+
+impl Conv {
+    fn new(path: &nn::Path<'_>, inputs: i64, layer: Layer, rng: &mut impl Rng) -> Self {
+        let (k, out) = (layer.kernel, layer.channels);
+        let bound = 1.0 / ((inputs * k * k) as f64).sqrt();
+        let is_matrix = as_matrix(inputs, layer);
+        let shape = if is_matrix { vec![k * k * inputs, out] } else { vec![out, inputs, k, k] };
+        let weight = path.var_copy("weight", &uniform(rng, &shape, bound));
+        let bias = path.var_copy("bias", &uniform(rng, &[out], bound));
+        Self { layer, is_matrix, weight, bias }
+    }
+
+    fn frozen(&self, kind: Kind) -> Self {
+        let weight = self.weight.detach().to_kind(kind).copy();
+        let bias = self.bias.detach().to_kind(kind).copy();
+        Self { layer: self.layer, is_matrix: self.is_matrix, weight, bias }
+    }
+
+    fn forward(&self, x: &Tensor, kind: Kind) -> Tensor {
+        let Layer { channels, kernel: k, stride, padding } = self.layer;
+        let (weight, bias) = (self.weight.to_kind(kind), self.bias.to_kind(kind));
+        if !self.is_matrix {
+            let y = channels_first(x).conv2d(&weight, Some(&bias), [stride; 2], [padding; 2], [1; 2], 1);
+            return channels_last(&y);
+        }
+        let patches = x.unfold(1, k, stride).unfold(2, k, stride); // [B, P', P', C, k, k]
+        let [b, p, q, c, ..] = dims::<6>(&patches);
+        let rows = patches.permute([0, 1, 2, 4, 5, 3]).reshape([b * p * q, k * k * c]);
+        bias.addmm(&rows, &weight).view([b, p, q, channels])
+    }
+}
+
+/// A transposed convolution over channels-last pictures.
+///
+/// As a matrix its weight is `[in, k · k · out]`, columns ordered by kernel row, kernel column, channel;
+/// otherwise `[in, out, k, k]`.
+#[derive(Debug)]
+struct Deconv {
+    layer: Layer,
+    is_matrix: bool,
+    weight: Tensor,
+    bias: Tensor,
+}
+
+impl Deconv {
+    fn new(path: &nn::Path<'_>, inputs: i64, layer: Layer, rng: &mut impl Rng) -> Self {
+        let (k, out) = (layer.kernel, layer.channels);
+        // PyTorch reads the fan-in of a transposed convolution off the wrong axis: the outputs.
+        let bound = 1.0 / ((out * k * k) as f64).sqrt();
+        let is_matrix = as_matrix(inputs, layer) && layer.stride == 1;
+        let shape = if is_matrix { vec![inputs, k * k * out] } else { vec![inputs, out, k, k] };
+        let weight = path.var_copy("weight", &uniform(rng, &shape, bound));
+        let bias = path.var_copy("bias", &uniform(rng, &[out], bound));
+        Self { layer, is_matrix, weight, bias }
+    }
+
+    fn frozen(&self, kind: Kind) -> Self {
+        let weight = self.weight.detach().to_kind(kind).copy();
+        let bias = self.bias.detach().to_kind(kind).copy();
+        Self { layer: self.layer, is_matrix: self.is_matrix, weight, bias }
+    }
+
+    fn forward(&self, x: &Tensor, kind: Kind) -> Tensor {
+        let Layer { channels, kernel: k, stride, padding } = self.layer;
+        let (weight, bias) = (self.weight.to_kind(kind), self.bias.to_kind(kind));
+        if !self.is_matrix {
+            let x = channels_first(x);
+            let y = x.conv_transpose2d(&weight, Some(&bias), [stride; 2], [padding; 2], [0; 2], 1, [1; 2]);
+            return channels_last(&y);
+        }
+        // Every input pixel stamps a k × k patch; overlapping stamps add up, row by row and then column by column.
+        let [b, p, q, c] = dims(x);
+        let stamps = x.reshape([b * p * q, c]).matmul(&weight).view([b, p, q, k, k * channels]);
+        let rows = overlap(&stamps.permute([0, 2, 1, 3, 4]).reshape([b * q, p, k, k * channels])); // [B Q, P', k C]
+        let p = p + k - 1;
+        let rows = rows.view([b, q, p, k, channels]).permute([0, 2, 1, 3, 4]);
+        let y = overlap(&rows.reshape([b * p, q, k, channels])); // [B P', Q', C]
+        y.view([b, p, q + k - 1, channels]) + bias
+    }
+}
+
+/// Adds up `n` stamps of length `k`, each one place after the last.
+///
+/// # Shapes
+/// - `stamps`: `[B, n, k, C]`
+/// - returns `[B, n + k − 1, C]`
+fn overlap(stamps: &Tensor) -> Tensor {
+    let [b, n, k, c] = dims(stamps);
+    // Padding each stamp to length n + k and reading the whole as rows of n + k − 1 shifts each by one more place.
+    let padded = stamps.constant_pad_nd([0, 0, 0, n]); // [B, n, n + k, C]
+    let skewed = padded.view([b, n * (n + k), c]).narrow(1, 0, n * (n + k - 1));
+    skewed.reshape([b, n, n + k - 1, c]).sum_dim_intlist(1, false, None::<Kind>)
+}
+
+#[cfg(test)]
+mod tests {
+    use rand::SeedableRng as _;
+    use rand_chacha::ChaCha8Rng;
+    use tch::Device;
+
+    use super::*;
+    use crate::tensor::{normal, to_vec};
+
+    fn rng() -> ChaCha8Rng {
+        ChaCha8Rng::seed_from_u64(0)
+    }
+
+    #[test]
+    fn the_car_racing_network_has_the_papers_size() {
+        let store = nn::VarStore::new(Device::Cpu);
+        let vae = Vae::new(&store.root(), VaeConfig::car_racing(), Kind::Float, &mut rng());
+        let n_parameters: usize = store.variables().values().map(Tensor::numel).sum();
+        assert_eq!(n_parameters, 3_337_747);
+        let pixels = Tensor::zeros([2, 84, 84, 3], (Kind::Float, Device::Cpu));
+        assert_eq!(vae.decode(&vae.encode(&pixels).0).size(), [2, 84, 84, 3]);
+    }
+
+    #[test]
+    fn the_divergence_is_never_below_its_free_bits() {
+        let store = nn::VarStore::new(Device::Cpu);
+        let mut vae = Vae::new(&store.root(), VaeConfig::car_racing(), Kind::Float, &mut rng());
+        for layer in [&mut vae.mean, &mut vae.log_var] {
+            tch::no_grad(|| layer.weight.zero_());
+            tch::no_grad(|| layer.bias.zero_());
+        }
+        let pixels = Tensor::zeros([2, 84, 84, 3], (Kind::Float, Device::Cpu));
+        let loss = vae.loss(&pixels, &normal(&mut rng(), &[2, 32]));
+        assert_eq!(loss.divergence.double_value(&[]), 16.0);
+    }
+
+    #[test]
+    fn a_convolution_as_a_matrix_is_the_same_convolution() {
+        let layer = Layer { channels: 200, kernel: 4, stride: 1, padding: 0 };
+        let store = nn::VarStore::new(Device::Cpu);
+        let conv = Conv::new(&(store.root() / "c"), 96, layer, &mut rng());
+        let deconv = Deconv::new(&(store.root() / "d"), 96, layer, &mut rng());
+        assert!(conv.is_matrix && deconv.is_matrix, "the layer is large enough");
+        let x = normal(&mut rng(), &[2, 5, 6, 96]);
+
+        let weight = conv.weight.view([4, 4, 96, 200]).permute([3, 2, 0, 1]);
+        let plain = channels_first(&x).conv2d(&weight, Some(&conv.bias), [1; 2], [0; 2], [1; 2], 1);
+        let difference = conv.forward(&x, Kind::Float) - channels_last(&plain);
+        assert!(difference.abs().max().double_value(&[]) < 1e-4, "convolution");
+
+        let weight = deconv.weight.view([96, 4, 4, 200]).permute([0, 3, 1, 2]);
+        let plain = channels_first(&x).conv_transpose2d(&weight, Some(&deconv.bias), [1; 2], [0; 2], [0; 2], 1, [1; 2]);
+        let difference = deconv.forward(&x, Kind::Float) - channels_last(&plain);
+        assert!(difference.abs().max().double_value(&[]) < 1e-4, "transposed convolution");
+    }
+
+    #[test]
+    fn a_frozen_copy_computes_the_same() {
+        let store = nn::VarStore::new(Device::Cpu);
+        let vae = Vae::new(&store.root(), VaeConfig::tiny(), Kind::Float, &mut rng());
+        let z = normal(&mut rng(), &[3, 4]);
+        assert_eq!(to_vec(&vae.decode(&z)), to_vec(&vae.frozen(Kind::Float).decode(&z)));
+    }
+}
