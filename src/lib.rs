@@ -3,7 +3,7 @@
 //! # The four steps of DROPJ
 //!
 //! 1. [`world_model`] learns to observe, imagine and decode what [`env`] shows.
-//! 2. In a `dream` the user drives inside that model.
+//! 2. In a [`dream`] the user drives inside that model.
 //! 3. A [`query`] shows two segments of dreams; answers become labels, and labels a `reward`.
 //! 4. A `planner` drives the real car by imagining ahead, and `evaluation` says how well.
 //!
@@ -18,8 +18,8 @@
 //! | [`env`] | physics, tracks, drawing, reward events | knows no tensor; a seed and the actions decide everything |
 //! | `dataset` | real episodes on disk: journal, sealed files, streaming reads | memory stays flat however many episodes |
 //! | [`world_model`] | VAE, MDN-RNN, their fitting | knows no window or clock; the only place that knows the order `[z \| c \| h]` |
-//! | `dream` | stepping the model as an environment | holds no randomness of its own: noise comes from the caller |
 //! | [`query`] | segments, what can be asked and answered, labels | plain data: no tensor |
+//! | [`dream`] | stepping the model as an environment | holds no randomness of its own: noise comes from the caller |
 //! | `reward` | the ensemble and its fitting | never sees a frame: features and scaled actions only |
 //! | `planner` | candidates, imagined returns, the choice | a pure function of state, models and generator |
 //! | `simulate` | stand-ins for people: pilot, probe, annotator | once it labels it sees frames, never the simulator |
@@ -52,3 +52,4 @@ pub mod tensor;
 pub mod env;
 pub mod world_model;
 pub mod query;
+pub mod dream;

@@ -1,0 +1,216 @@
+//! Driving inside the world model, where nothing real can break (Step 2 of the method).
+//!
+//! A dream holds no randomness of its own: its noise comes from the generator that its caller gives it.
+
+use rand::Rng;
+
+use crate::env::{Action, Frame};
+use crate::query::SEGMENT_LEN;
+use crate::tensor::{from_slice, to_vec};
+use crate::world_model::{LatentState, Next, Noise, State, WorldModel, actions_tensor};
+
+/// τ in dreams: the mixture as it is (paper, Table 4).
+pub const TEMPERATURE: f64 = 1.0;
+
+/// Rows of equal width.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Rows {
+    /// How many numbers a row has.
+    pub width: usize,
+    /// Row after row.
+    pub values: Vec<f32>,
+}
+
+impl Rows {
+    /// How many rows there are.
+    pub fn len(&self) -> usize {
+        if self.width == 0 { 0 } else { self.values.len() / self.width }
+    }
+
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// The row at `i`.
+    pub fn row(&self, i: usize) -> &[f32] {
+        &self.values[i * self.width..(i + 1) * self.width]
+    }
+
+    /// Appends a row.
+    ///
+    /// # Panics
+    /// Where it is of another width.
+    pub fn push(&mut self, row: &[f32]) {
+        assert_eq!(row.len(), self.width, "a row has the width of the others");
+        self.values.extend_from_slice(row);
+    }
+}
+
+/// A dream as it was driven, from which everything else follows.
+///
+/// Step t is in state (zₜ, memoryₜ) and takes action t; the memory is a function of the start, the latents and the
+/// actions, so it is not kept but remembered anew by [`DreamEpisode::features`].
+#[derive(Clone, Debug, PartialEq)]
+pub struct DreamEpisode {
+    /// The first state.
+    pub start: LatentState,
+    /// The latents of every step, `[T, Z]`; the first row is the start's.
+    pub zs: Rows,
+    /// The action of every step, as driven.
+    pub actions: Vec<Action>,
+    /// Steps that the driver marked as unsafe.
+    pub unsafe_marks: Vec<usize>,
+    /// The seed of its noise.
+    pub seed: u64,
+}
+
+impl DreamEpisode {
+    /// An episode of no steps yet.
+    pub fn new(start: LatentState, seed: u64) -> Self {
+        let zs = Rows { width: start.z.len(), values: Vec::new() };
+        Self { start, zs, actions: Vec::new(), unsafe_marks: Vec::new(), seed }
+    }
+
+    /// How many steps it has.
+    pub fn len(&self) -> usize {
+        self.actions.len()
+    }
+
+    /// Whether it has none.
+    pub fn is_empty(&self) -> bool {
+        self.actions.is_empty()
+    }
+
+    /// Whether it is long enough to show a segment of.
+    pub fn is_usable(&self) -> bool {
+        self.len() >= SEGMENT_LEN
+    }
+
+    /// The features `[z | c | h]` of every step, remembered anew.
+    pub fn features(&self, model: &WorldModel) -> Rows {
+        let mut state = State::from(&self.start);
+        let mut rows = Rows { width: model.config().n_features() as usize, values: Vec::new() };
+        for (t, action) in self.actions.iter().enumerate() {
+            let z = self.zs.row(t);
+            state.z = from_slice(z, &[1, z.len() as i64]);
+            rows.push(&to_vec(&state.features()));
+            state.memory = model.remember(&state, &actions_tensor(&[*action]));
+        }
+        rows
+    }
+
+    /// The pictures of the steps in `range`.
+    ///
+    /// # Panics
+    /// Where the range reaches beyond the episode.
+    pub fn frames(&self, model: &WorldModel, range: std::ops::Range<usize>) -> Vec<Frame> {
+        let width = self.zs.width;
+        let zs = &self.zs.values[range.start * width..range.end * width];
+        model.decode(&from_slice(zs, &[range.len() as i64, width as i64]))
+    }
+}
+
+/// A dream that is being driven.
+#[derive(Debug)]
+pub struct Dream {
+    state: State,
+    episode: DreamEpisode,
+}
+
+impl Dream {
+    /// A dream from `start`; `seed` is kept in the episode as the name of the caller's generator.
+    pub fn new(start: &LatentState, seed: u64) -> Self {
+        Self { state: start.into(), episode: DreamEpisode::new(start.clone(), seed) }
+    }
+
+    /// Takes `action` and moves on by one step, with noise from `rng`.
+    pub fn step(&mut self, model: &WorldModel, action: Action, rng: &mut impl Rng) {
+        let noise = Noise::draw(1, model.config().mdn_rnn.latent, rng);
+        let next = Next::Sample { temperature: TEMPERATURE, noise: &noise };
+        self.episode.zs.push(&to_vec(&self.state.z));
+        self.episode.actions.push(action);
+        self.state = model.imagine(&self.state, &actions_tensor(&[action]), next);
+    }
+
+    /// Marks the present step as unsafe.
+    pub fn mark_unsafe(&mut self) {
+        self.episode.unsafe_marks.push(self.episode.len());
+    }
+
+    /// The present state.
+    pub fn state(&self) -> &State {
+        &self.state
+    }
+
+    /// What is seen now.
+    pub fn frame(&self, model: &WorldModel) -> Option<Frame> {
+        model.decode(&self.state.z).pop()
+    }
+
+    /// What was driven so far.
+    pub fn episode(&self) -> &DreamEpisode {
+        &self.episode
+    }
+
+    /// Ends the dream.
+    pub fn finish(self) -> DreamEpisode {
+        self.episode
+    }
+}
+
+/// The states that the model passes through in a real episode, at the steps `at`: where dreams start (method §5).
+pub fn starts(model: &WorldModel, frames: &[Frame], actions: &[Action], at: &[usize]) -> Vec<LatentState> {
+    let mut memory = model.no_memory(1);
+    let mut found = Vec::new();
+    let until = at.iter().max().map_or(0, |last| last + 1).min(frames.len());
+    for (t, frame) in frames[..until].iter().enumerate() {
+        let state = State { z: model.observe(std::slice::from_ref(frame)), memory };
+        if at.contains(&t) {
+            found.push(LatentState::from(&state));
+        }
+        let Some(action) = actions.get(t) else { break };
+        memory = model.remember(&state, &actions_tensor(&[*action]));
+    }
+    found
+}
+
+#[cfg(test)]
+mod tests {
+    use rand::SeedableRng as _;
+    use rand_chacha::ChaCha8Rng;
+
+    use super::*;
+    use crate::world_model::{WorldModelConfig, untrained};
+
+    #[test]
+    fn remembering_a_dream_gives_the_states_it_was_driven_in() {
+        let rng = &mut ChaCha8Rng::seed_from_u64(3);
+        let model = untrained(&WorldModelConfig::tiny(), rng);
+        let start = LatentState { z: vec![0.1; 4], c: vec![0.2; 16], h: vec![0.3; 16] };
+        let mut dream = Dream::new(&start, 3);
+        let mut live = Vec::new();
+        for t in 0..30 {
+            live.extend(to_vec(&dream.state().features()));
+            dream.step(&model, Action::new((t as f32).sin(), 0.5, 0.0), rng);
+        }
+        let anew = dream.finish().features(&model);
+        let apart = live.iter().zip(&anew.values).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+        assert_eq!(anew.len(), 30);
+        assert!(apart < 1e-5, "{apart}");
+    }
+
+    #[test]
+    fn the_same_noise_dreams_the_same_dream() {
+        let model = untrained(&WorldModelConfig::tiny(), &mut ChaCha8Rng::seed_from_u64(1));
+        let start = LatentState { z: vec![0.0; 4], c: vec![0.0; 16], h: vec![0.0; 16] };
+        let drive = |seed| {
+            let rng = &mut ChaCha8Rng::seed_from_u64(seed);
+            let mut dream = Dream::new(&start, 0);
+            (0..10).for_each(|_| dream.step(&model, Action::default(), rng));
+            dream.finish().zs
+        };
+        assert_eq!(drive(5), drive(5));
+        assert_ne!(drive(5), drive(6));
+    }
+}
