@@ -4,6 +4,7 @@
 
 pub mod action;
 pub mod frame;
+pub mod trig;
 
 pub use action::{Action, ScaledAction};
 pub use frame::Frame;
