@@ -3,7 +3,13 @@
 //! Nothing here knows a tensor: frames are `u8`, actions `f32`.
 
 pub mod action;
+pub mod draw;
 pub mod frame;
+pub mod mersenne;
+pub mod process;
+pub mod random;
+mod raster;
+pub mod track;
 pub mod trig;
 
 pub use action::{Action, ScaledAction};
@@ -17,7 +23,7 @@ pub const MAX_STEPS: usize = 1000;
 /// What decides a world: one number for a stream of our own, or those of a Python run to compare with.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Seed {
-    /// Our own: two derived ChaCha8 streams, one for the track and one for the obstacles.
+    /// Our own: two derived `ChaCha8` streams, one for the track and one for the obstacles.
     Native(u64),
     /// `env.seed(env)` of gym 0.20 and `random.seed(python)` of Python.
     Gym {
