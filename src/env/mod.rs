@@ -3,6 +3,7 @@
 //! Nothing here knows a tensor: frames are `u8`, actions `f32`.
 
 pub mod action;
+pub mod controls;
 pub mod draw;
 pub mod frame;
 pub mod mersenne;
