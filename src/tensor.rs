@@ -1,5 +1,7 @@
 //! The only helpers over libtorch: rank checks, initialization, and copies between Rust memory and tensors.
 
+pub mod adam;
+
 use std::sync::Arc;
 
 use rand::{Rng, RngExt as _};
@@ -101,14 +103,24 @@ pub struct Parameters(Arc<[u8]>);
 impl Parameters {
     /// Those of every variable in `stores`, each under `prefix.name`, with `metadata` in the header.
     pub fn of(stores: &[(&str, &nn::VarStore)], metadata: &[(&str, String)]) -> Self {
-        let mut tensors = Vec::new();
-        for (prefix, store) in stores {
-            for (name, tensor) in store.variables() {
+        let variables = stores.iter().flat_map(|(prefix, store)| {
+            store.variables().into_iter().map(move |(name, tensor)| (format!("{prefix}.{name}"), tensor))
+        });
+        Self::from_tensors(variables, metadata)
+    }
+
+    /// Those given by name, with `metadata` in the header.
+    pub fn from_tensors(
+        tensors: impl IntoIterator<Item = (String, Tensor)>,
+        metadata: &[(&str, String)],
+    ) -> Self {
+        let mut tensors: Vec<_> = tensors
+            .into_iter()
+            .map(|(name, tensor)| {
                 let values: Vec<u8> = to_vec(&tensor).iter().flat_map(|v| v.to_le_bytes()).collect();
-                let shape = tensor.size().iter().map(|&n| n as usize).collect::<Vec<_>>();
-                tensors.push((format!("{prefix}.{name}"), shape, values));
-            }
-        }
+                (name, tensor.size().iter().map(|&n| n as usize).collect::<Vec<_>>(), values)
+            })
+            .collect();
         tensors.sort_by(|a, b| a.0.cmp(&b.0));
         let views = tensors.iter().map(|(name, shape, values)| {
             let view = TensorView::new(Dtype::F32, shape.clone(), values);
@@ -136,11 +148,17 @@ impl Parameters {
             if found != variable.size() || view.dtype() != Dtype::F32 {
                 return Err(ParametersError::Shape { name, found, wanted: variable.size() });
             }
-            let values: Vec<f32> =
-                view.data().as_chunks::<4>().0.iter().map(|bytes| f32::from_le_bytes(*bytes)).collect();
-            tch::no_grad(|| variable.copy_(&from_slice(&values, &found)));
+            tch::no_grad(|| variable.copy_(&from_slice(&floats(view.data()), &found)));
         }
         Ok(())
+    }
+
+    /// The tensor called `name`.
+    pub fn tensor(&self, name: &str) -> Option<Tensor> {
+        let file = SafeTensors::deserialize(&self.0).ok()?;
+        let view = file.tensor(name).ok().filter(|view| view.dtype() == Dtype::F32)?;
+        let shape: Vec<i64> = view.shape().iter().map(|&n| n as i64).collect();
+        Some(from_slice(&floats(view.data()), &shape))
     }
 
     /// The value of `key` in the header.
@@ -164,6 +182,11 @@ impl Parameters {
         }
         hash
     }
+}
+
+/// Little-endian bytes as numbers.
+fn floats(bytes: &[u8]) -> Vec<f32> {
+    bytes.as_chunks::<4>().0.iter().map(|bytes| f32::from_le_bytes(*bytes)).collect()
 }
 
 impl std::fmt::Debug for Parameters {

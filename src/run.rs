@@ -1,0 +1,92 @@
+//! The folder of a long job: checkpoints that are whole or absent, numbers kept out of memory, and a log of metrics.
+
+use std::fs::{self, File, OpenOptions};
+use std::io::Write as _;
+use std::path::{Path, PathBuf};
+
+use serde::Serialize;
+
+use crate::tensor::{Parameters, ParametersError};
+
+/// Why a job's folder cannot be used.
+#[derive(Debug, thiserror::Error)]
+pub enum RunError {
+    /// The disk refused.
+    #[error("cannot {doing} ({source}); is the disk full, or the folder not yours? {path:?}")]
+    Disk {
+        /// What was tried.
+        doing: &'static str,
+        /// What was met.
+        source: std::io::Error,
+        /// Where.
+        path: PathBuf,
+    },
+    /// A checkpoint cannot be read.
+    #[error("cannot read the checkpoint: {source} {path:?}")]
+    Checkpoint {
+        /// Why.
+        source: ParametersError,
+        /// Where.
+        path: PathBuf,
+    },
+}
+
+/// Writes `bytes` so that the file is either wholly there or as it was: first beside it, then renamed.
+pub fn write_whole(path: &Path, bytes: &[u8]) -> Result<(), RunError> {
+    let partial = path.with_added_extension("partial");
+    let write = || {
+        let mut file = File::create(&partial)?;
+        file.write_all(bytes)?;
+        file.sync_all()?;
+        fs::rename(&partial, path)
+    };
+    write().map_err(|source| RunError::Disk { doing: "write the file", source, path: path.to_owned() })
+}
+
+/// Reads safetensors.
+pub fn read_parameters(path: &Path) -> Result<Parameters, RunError> {
+    let bytes = fs::read(path).map_err(|source| RunError::Disk {
+        doing: "read the parameters",
+        source,
+        path: path.to_owned(),
+    })?;
+    Parameters::from_bytes(bytes).map_err(|source| RunError::Checkpoint { source, path: path.to_owned() })
+}
+
+/// The folder of one job.
+#[derive(Debug)]
+pub struct Run {
+    dir: PathBuf,
+}
+
+impl Run {
+    /// The folder at `dir`, made if need be; without `resume` what an earlier job left in it is removed.
+    pub fn open(dir: &Path, resume: bool) -> Result<Self, RunError> {
+        let failed = |doing| move |source| RunError::Disk { doing, source, path: dir.to_owned() };
+        if !resume && dir.exists() {
+            fs::remove_dir_all(dir).map_err(failed("clear the folder of the job"))?;
+        }
+        fs::create_dir_all(dir).map_err(failed("make the folder of the job"))?;
+        Ok(Self { dir: dir.to_owned() })
+    }
+
+    /// Keeps `parameters` under `name`.
+    pub fn save(&self, name: &str, parameters: &Parameters) -> Result<(), RunError> {
+        write_whole(&self.dir.join(format!("{name}.safetensors")), parameters.bytes())
+    }
+
+    /// What was kept under `name`, if anything.
+    pub fn load(&self, name: &str) -> Result<Option<Parameters>, RunError> {
+        let path = self.dir.join(format!("{name}.safetensors"));
+        if path.exists() { read_parameters(&path).map(Some) } else { Ok(None) }
+    }
+
+    /// Appends a line to `metrics.jsonl`.
+    pub fn log(&self, metrics: &impl Serialize) -> Result<(), RunError> {
+        let path = self.dir.join("metrics.jsonl");
+        let mut line = serde_json::to_string(metrics).unwrap_or_else(|e| unreachable!("plain numbers: {e}"));
+        line.push('\n');
+        let append = || OpenOptions::new().append(true).create(true).open(&path)?.write_all(line.as_bytes());
+        append().map_err(|source| RunError::Disk { doing: "log metrics", source, path: path.clone() })
+    }
+}

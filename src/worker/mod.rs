@@ -1,0 +1,385 @@
+//! Threads: every slow part runs in a named one of its own, hears commands and sends reports.
+//!
+//! The only module that starts a thread. A worker owns its models and shares nothing: what crosses a channel is plain
+//! data, and networks travel as [`Parameters`]. Only the live picture and the live action go through [`Latest`] slots.
+
+use std::any::Any;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::path::PathBuf;
+use std::sync::mpsc::{Receiver, Sender, channel};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::thread::JoinHandle;
+use std::time::Instant;
+
+use crate::dream::DreamEpisode;
+use crate::env::{Action, Frame};
+use crate::evaluation::EpisodeMetrics;
+use crate::query::{DreamId, Label, Query, QueryId};
+use crate::tensor::Parameters;
+use crate::world_model::LatentState;
+use crate::world_model::fit::Progress;
+
+/// A slot that holds only the latest value: a slow reader misses some and never delays the writer.
+#[derive(Debug)]
+pub struct Latest<T>(Arc<Mutex<Option<T>>>);
+
+impl<T> Default for Latest<T> {
+    fn default() -> Self {
+        Self(Arc::default())
+    }
+}
+
+impl<T> Clone for Latest<T> {
+    fn clone(&self) -> Self {
+        Self(Arc::clone(&self.0))
+    }
+}
+
+impl<T> Latest<T> {
+    /// Replaces what is there.
+    pub fn put(&self, value: T) {
+        *self.0.lock().unwrap_or_else(PoisonError::into_inner) = Some(value);
+    }
+
+    /// Takes what is there.
+    pub fn take(&self) -> Option<T> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).take()
+    }
+}
+
+impl<T: Clone> Latest<T> {
+    /// A copy of what is there.
+    pub fn peek(&self) -> Option<T> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+}
+
+/// The driver's hands: the latest action and when it was given.
+///
+/// A worker lets go of the controls where this has not been written for a moment, for the window may hang.
+pub type LiveAction = Latest<(Action, Instant)>;
+
+/// What a person sees while driving, and how well the clock keeps.
+#[derive(Clone, Debug)]
+pub struct LiveView {
+    /// The picture of this step.
+    pub frame: Frame,
+    /// Its number, from 0.
+    pub step: usize,
+    /// The action that was taken.
+    pub action: Action,
+    /// Steps a second over the last second.
+    pub steps_per_sec: f32,
+    /// Steps that came more than a step too late, since the start.
+    pub n_late: usize,
+    /// Whether the clock stands.
+    pub is_paused: bool,
+    /// Marks given so far.
+    pub n_unsafe_marks: usize,
+}
+
+/// One imagined future, for the eye.
+#[derive(Clone, Debug)]
+pub struct CandidateView {
+    /// Its actions in words, run by run: `left 4 · straight 11`.
+    pub actions: String,
+    /// What the reward promises of it.
+    pub predicted_return: f32,
+    /// Its last picture, and a few on the way.
+    pub frames: Vec<Frame>,
+}
+
+/// The real car under the planner, and what it thought of.
+#[derive(Clone, Debug)]
+pub struct DriveView {
+    /// What the models see.
+    pub frame: Frame,
+    /// The scene as a person sees it: width, height, RGB bytes.
+    pub picture: (u32, u32, Arc<[u8]>),
+    /// Steps so far.
+    pub step: usize,
+    /// The running figures of this episode.
+    pub metrics: EpisodeMetrics,
+    /// The candidates of the latest plan, in order.
+    pub candidates: Arc<[CandidateView]>,
+    /// Which was chosen.
+    pub chosen: usize,
+    /// How long the latest plan took, in milliseconds.
+    pub plan_ms: f32,
+}
+
+/// Plays dreams at 50 steps a second.
+#[derive(Debug)]
+pub enum DreamerCommand {
+    /// Starts a dream, journalled in `journal` where that is given.
+    Start {
+        /// Where it begins.
+        start: LatentState,
+        /// Of its noise.
+        seed: u64,
+        /// The file that holds it until it is kept.
+        journal: Option<PathBuf>,
+    },
+    /// Stops the clock, or lets it go on.
+    Pause(bool),
+    /// One step while the clock stands.
+    Step,
+    /// Marks the present step as unsafe.
+    MarkUnsafe,
+    /// Ends the dream and reports it.
+    Finish,
+    /// Ends the dream and forgets it.
+    Discard,
+}
+
+/// Draws clips before they are needed.
+#[derive(Debug)]
+pub enum ClipperCommand {
+    /// Knows a dream from now on.
+    AddDream(DreamId, Arc<DreamEpisode>),
+    /// Decodes both segments of a query.
+    Decode(Query),
+}
+
+/// Learns a reward while answers come in.
+#[derive(Debug)]
+pub enum TrainerCommand {
+    /// Knows a dream from now on.
+    AddDream(DreamId, Arc<DreamEpisode>),
+    /// Learns from an answer, or from another answer to the same query.
+    Learn(Query, Label),
+    /// Forgets the answer to a query.
+    Forget(QueryId),
+    /// Starts afresh and fits all answers to the end.
+    Fit {
+        /// Of initialization and order.
+        seed: u64,
+    },
+}
+
+/// Drives the real car by plan.
+#[derive(Debug)]
+pub enum DriverCommand {
+    /// Plans with these rewards from now on.
+    Reward(Parameters),
+    /// Drives an episode on the track of `seed`.
+    Drive {
+        /// Of the track and of the planner's draws.
+        seed: u64,
+    },
+    /// Stops the clock, or lets it go on.
+    Pause(bool),
+    /// Ends the episode.
+    Stop,
+}
+
+/// Lets a person drive the real car and records it.
+#[derive(Debug)]
+pub enum RecorderCommand {
+    /// Starts an episode on the track of `seed`, kept in the dataset at `dataset`.
+    Start {
+        /// The LeRobot folder.
+        dataset: PathBuf,
+        /// Of the track.
+        seed: u64,
+    },
+    /// Stops the clock, or lets it go on.
+    Pause(bool),
+    /// Ends the episode and seals it.
+    Keep,
+    /// Ends the episode and forgets it.
+    Discard,
+}
+
+/// Trains a world model.
+#[derive(Debug)]
+pub enum ModelerCommand {
+    /// Fits one to the recordings at `dataset` and writes it to `out`.
+    Fit {
+        /// The LeRobot folder.
+        dataset: PathBuf,
+        /// The file to write.
+        out: PathBuf,
+        /// Whether to go on from a checkpoint.
+        resume: bool,
+    },
+    /// Stops at the next update; it can be resumed.
+    Stop,
+}
+
+/// What a worker tells the window: one closed list, one inbox.
+#[derive(Debug)]
+pub enum Report {
+    /// A dream ended and is offered for keeping.
+    Dreamt(DreamEpisode),
+    /// A query's clips are ready.
+    Clips {
+        /// Which.
+        query: Query,
+        /// Twenty pictures.
+        left: Vec<Frame>,
+        /// Twenty pictures.
+        right: Vec<Frame>,
+    },
+    /// The reward has learned a little.
+    Learning(Learning),
+    /// The reward has parameters worth planning with.
+    Learned {
+        /// They.
+        parameters: Parameters,
+        /// How many answers they rest on.
+        n_labels: usize,
+        /// Where a full fit has ended: its seed, and each member's loss in its last epoch.
+        fit: Option<(u64, Vec<f32>)>,
+    },
+    /// An episode by plan ended.
+    Drove {
+        /// Of the track.
+        seed: u64,
+        /// Its figures.
+        metrics: EpisodeMetrics,
+    },
+    /// A recorded episode is on disk.
+    Recorded {
+        /// Its number in the dataset.
+        episode: usize,
+        /// Steps.
+        n_steps: usize,
+    },
+    /// A world model is being trained.
+    Modeling(Progress),
+    /// A world model is on disk.
+    Modeled(PathBuf),
+    /// A worker met an error, or has died of a bug; the sentence says which.
+    Failed {
+        /// The thread's name.
+        worker: &'static str,
+        /// One sentence.
+        message: String,
+    },
+}
+
+/// How well the reward fits.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Learning {
+    /// Epochs since the last fresh start.
+    pub epoch: usize,
+    /// Cross-entropy of each member.
+    pub losses: Vec<f32>,
+    /// Cross-entropy of answers predicted before they were learned, where there are enough.
+    pub held_out_loss: Option<f32>,
+    /// Share of strict answers that were predicted right before they were learned.
+    pub agreement: Option<f32>,
+    /// Answers learned from.
+    pub n_labels: usize,
+    /// Whether a full fit is under way, and how many epochs it will have.
+    pub fit_epochs: Option<usize>,
+}
+
+/// Where a worker sends its reports, waking whoever reads them.
+#[derive(Clone)]
+pub struct Reports {
+    reports: Sender<Report>,
+    wake: Arc<dyn Fn() + Send + Sync>,
+}
+
+impl Reports {
+    /// An outbox and its inbox; `wake` is called after every report.
+    pub fn new(wake: impl Fn() + Send + Sync + 'static) -> (Self, Receiver<Report>) {
+        let (reports, inbox) = channel();
+        (Self { reports, wake: Arc::new(wake) }, inbox)
+    }
+
+    /// Sends a report; where nobody listens any more it is dropped.
+    pub fn send(&self, report: Report) {
+        self.reports.send(report).ok();
+        (self.wake)();
+    }
+
+    /// Wakes the reader without a report: a slot has something new.
+    pub fn wake(&self) {
+        (self.wake)();
+    }
+}
+
+impl std::fmt::Debug for Reports {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str("Reports")
+    }
+}
+
+/// A named thread that runs until its commands end.
+#[derive(Debug)]
+pub struct Worker<C> {
+    commands: Option<Sender<C>>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl<C: Send + 'static> Worker<C> {
+    /// Runs `body` in a thread called `name`; an error or a panic in it is one [`Report::Failed`].
+    pub fn spawn(
+        name: &'static str,
+        reports: &Reports,
+        body: impl FnOnce(Receiver<C>, Reports) -> Result<(), String> + Send + 'static,
+    ) -> Self {
+        let (commands, heard) = channel();
+        let reports = reports.clone();
+        let run = move || {
+            let outbox = reports.clone();
+            let message = match catch_unwind(AssertUnwindSafe(|| body(heard, outbox))) {
+                Ok(Ok(())) => return,
+                Ok(Err(message)) => message,
+                Err(panic) => panic_message(panic.as_ref()),
+            };
+            reports.send(Report::Failed { worker: name, message });
+        };
+        let thread = std::thread::Builder::new().name(name.to_owned()).spawn(run);
+        Self { commands: Some(commands), thread: thread.ok() }
+    }
+
+    /// Sends a command; a worker that has died hears nothing and has said so.
+    pub fn send(&self, command: C) {
+        if let Some(commands) = &self.commands {
+            commands.send(command).ok();
+        }
+    }
+}
+
+impl<C> Drop for Worker<C> {
+    fn drop(&mut self) {
+        self.commands = None;
+        if let Some(thread) = self.thread.take() {
+            thread.join().ok();
+        }
+    }
+}
+
+fn panic_message(panic: &(dyn Any + Send)) -> String {
+    let text = panic.downcast_ref::<&str>().map(|text| (*text).to_owned());
+    let text = text.or_else(|| panic.downcast_ref::<String>().cloned());
+    format!("this is a bug of ours: {}", text.unwrap_or_else(|| "no message".to_owned()))
+}
+
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_worker_that_panics_says_so_and_takes_nobody_with_it() {
+        let (reports, inbox) = Reports::new(|| ());
+        let worker = Worker::<()>::spawn("test", &reports, |_, _| panic!("on purpose"));
+        let Report::Failed { worker: name, message } = inbox.recv().unwrap() else { panic!("another report") };
+        assert_eq!(name, "test");
+        assert!(message.contains("on purpose"), "{message}");
+        drop(worker);
+    }
+
+    #[test]
+    fn a_slot_holds_the_latest_only() {
+        let slot = Latest::default();
+        slot.put(1);
+        slot.put(2);
+        assert_eq!((slot.take(), slot.take()), (Some(2), None));
+    }
+}
