@@ -15,6 +15,7 @@ use crate::dream::DreamEpisode;
 use crate::env::{Action, Frame};
 use crate::evaluation::EpisodeMetrics;
 use crate::query::{DreamId, Label, Query, QueryId};
+use crate::session::DreamJournal;
 use crate::tensor::Parameters;
 use crate::world_model::LatentState;
 use crate::world_model::fit::Progress;
@@ -45,6 +46,11 @@ impl<T> Latest<T> {
     pub fn take(&self) -> Option<T> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner).take()
     }
+
+    /// Whether there is nothing: the reader has taken it and looks for more.
+    pub fn is_empty(&self) -> bool {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).is_none()
+    }
 }
 
 impl<T: Clone> Latest<T> {
@@ -62,8 +68,10 @@ pub type LiveAction = Latest<(Action, Instant)>;
 /// What a person sees while driving, and how well the clock keeps.
 #[derive(Clone, Debug)]
 pub struct LiveView {
-    /// The picture of this step.
+    /// What the models see.
     pub frame: Frame,
+    /// The real scene as a person sees it, where that is what is driven: width, height, RGB bytes.
+    pub picture: Option<(u32, u32, Arc<[u8]>)>,
     /// Its number, from 0.
     pub step: usize,
     /// The action that was taken.
@@ -100,15 +108,15 @@ pub struct DriveView {
     pub step: usize,
     /// The running figures of this episode.
     pub metrics: EpisodeMetrics,
-    /// The candidates of the latest plan, in order.
+    /// The candidates of a recent plan, in order: the latest one that there was time to draw.
     pub candidates: Arc<[CandidateView]>,
-    /// Which was chosen.
+    /// Which of these was chosen.
     pub chosen: usize,
     /// How long the latest plan took, in milliseconds.
     pub plan_ms: f32,
 }
 
-/// Plays dreams at 50 steps a second.
+/// Plays dreams at 50 steps a second, each for [`MAX_STEPS`](crate::env::MAX_STEPS) at the most.
 #[derive(Debug)]
 pub enum DreamerCommand {
     /// Starts a dream, journalled in `journal` where that is given.
@@ -117,8 +125,8 @@ pub enum DreamerCommand {
         start: LatentState,
         /// Of its noise.
         seed: u64,
-        /// The file that holds it until it is kept.
-        journal: Option<PathBuf>,
+        /// What holds it until it is kept; without a session there is none.
+        journal: Option<DreamJournal>,
     },
     /// Stops the clock, or lets it go on.
     Pause(bool),
@@ -128,7 +136,7 @@ pub enum DreamerCommand {
     MarkUnsafe,
     /// Ends the dream and reports it.
     Finish,
-    /// Ends the dream and forgets it.
+    /// Ends the dream and forgets it, journal and all.
     Discard,
 }
 
@@ -162,18 +170,18 @@ pub enum TrainerCommand {
 pub enum DriverCommand {
     /// Plans with these rewards from now on.
     Reward(Parameters),
-    /// Drives an episode on the track of `seed`.
+    /// Drives an episode on the track of `seed`, once there is a reward.
     Drive {
         /// Of the track and of the planner's draws.
         seed: u64,
     },
     /// Stops the clock, or lets it go on.
     Pause(bool),
-    /// Ends the episode.
+    /// Ends the episode; its figures are not reported, for they are not those of a whole one.
     Stop,
 }
 
-/// Lets a person drive the real car and records it.
+/// Lets a person drive the real car and records it; an episode that the environment ends is kept.
 #[derive(Debug)]
 pub enum RecorderCommand {
     /// Starts an episode on the track of `seed`, kept in the dataset at `dataset`.
@@ -203,7 +211,7 @@ pub enum ModelerCommand {
         /// Whether to go on from a checkpoint.
         resume: bool,
     },
-    /// Stops at the next update; it can be resumed.
+    /// Stops at the next update, which is reported as [`Report::Failed`]; it can be resumed.
     Stop,
 }
 
@@ -211,7 +219,12 @@ pub enum ModelerCommand {
 #[derive(Debug)]
 pub enum Report {
     /// A dream ended and is offered for keeping.
-    Dreamt(DreamEpisode),
+    Dreamt {
+        /// As it was driven.
+        episode: DreamEpisode,
+        /// What to discard once it is kept or thrown away.
+        journal: Option<DreamJournal>,
+    },
     /// A query's clips are ready.
     Clips {
         /// Which.
