@@ -1,0 +1,101 @@
+//! What can go wrong with episodes on disk.
+
+use std::io;
+use std::path::{Path, PathBuf};
+
+/// Why a dataset could not be read or written.
+///
+/// Every message is whole: what was tried, what was met, and where.
+#[derive(Debug, thiserror::Error)]
+pub enum DatasetError {
+    /// The disk is full, the folder may not be written, a file vanished.
+    #[error("could not {tried}: {met}, at {path:?}")]
+    Disk {
+        /// What was tried, as an infinitive.
+        tried: &'static str,
+        /// What the system said.
+        met: io::Error,
+        /// The file or folder.
+        path: PathBuf,
+    },
+    /// The folder holds no dataset.
+    #[error("no recorded episodes at {path:?}")]
+    Missing {
+        /// The folder that was to be opened.
+        path: PathBuf,
+    },
+    /// An episode file is torn, altered or not one of ours.
+    #[error(
+        "this episode file is damaged ({reason}); move it out of the dataset to go on without it: {path:?}"
+    )]
+    Damaged {
+        /// What is wrong with it.
+        reason: String,
+        /// The file.
+        path: PathBuf,
+    },
+    /// A journal does not begin as a journal does.
+    #[error("this journal of an unfinished episode cannot be read, its beginning is damaged: {path:?}")]
+    DamagedJournal {
+        /// The file.
+        path: PathBuf,
+    },
+    /// The dataset belongs to another environment.
+    #[error("episodes of {tried:?} cannot join a dataset of {met:?}, at {path:?}")]
+    OtherEnv {
+        /// The environment asked for.
+        tried: String,
+        /// The dataset's own.
+        met: String,
+        /// The dataset.
+        path: PathBuf,
+    },
+    /// A frame is of another size than the frames before it.
+    #[error("a frame of {tried} pixels a side cannot join frames of {met}, at {path:?}")]
+    OtherSide {
+        /// Pixels a side of the new frame.
+        tried: u32,
+        /// Pixels a side of those before it.
+        met: u32,
+        /// The dataset or journal.
+        path: PathBuf,
+    },
+    /// Somebody else has the dataset open for recording.
+    #[error("another program is recording into the dataset at {path:?}")]
+    Busy {
+        /// The dataset.
+        path: PathBuf,
+    },
+    /// The dataset was opened for reading only.
+    #[error("the dataset was opened for reading, not for recording, at {path:?}")]
+    ReadOnly {
+        /// The dataset.
+        path: PathBuf,
+    },
+    /// An episode without a step is none.
+    #[error("an episode without a step cannot be sealed, at {path:?}")]
+    Empty {
+        /// Its journal.
+        path: PathBuf,
+    },
+    /// Sealing failed; nothing is lost.
+    #[error("could not seal the episode, which stays in its journal {path:?}: {met}")]
+    NotSealed {
+        /// What was met.
+        met: Box<Self>,
+        /// The journal.
+        path: PathBuf,
+    },
+}
+
+impl DatasetError {
+    /// Turns what the system said into an error: `.map_err(DatasetError::disk("write the file", path))`.
+    pub(super) fn disk(tried: &'static str, path: &Path) -> impl FnOnce(io::Error) -> Self {
+        move |met| Self::Disk { tried, met, path: path.to_path_buf() }
+    }
+
+    /// An error about a damaged episode file.
+    pub(super) fn damaged(reason: impl Into<String>, path: &Path) -> Self {
+        Self::Damaged { reason: reason.into(), path: path.to_path_buf() }
+    }
+}

@@ -1,0 +1,342 @@
+//! The journal of an episode that is being driven: what a killed program leaves behind.
+//!
+//! ```text
+//! journal/00001767225600123456789.journal
+//!   "dropj journal 1\n", then records: length u32, the first 8 bytes of the SHA-256, payload
+//!   payload: 'I' info as JSON · 'S' wall clock i64, action 3 f32, reward f32, grass u8, PNG · 'E' done u8, PNG
+//! ```
+//!
+//! Numbers are little-endian. A torn last record is dropped, with a warning.
+
+use std::fs::{self, File};
+use std::io::Write as _;
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant, SystemTime};
+
+use serde::{Deserialize, Serialize};
+use sha2::{Digest as _, Sha256};
+
+use super::{DatasetError, EpisodeInfo, StepRecord, disk, png};
+use crate::env::{Action, Frame};
+
+/// What a journal begins with.
+const MAGIC: &[u8] = b"dropj journal 1\n";
+/// What the name of a journal ends in.
+pub(super) const EXTENSION: &str = "journal";
+/// Length and checksum before each payload.
+const RECORD_HEAD: usize = 12;
+/// A power cut costs at most this much; a killed program nothing.
+const SYNC_EVERY: Duration = Duration::from_secs(1);
+
+/// An episode that is being driven, every step of it on disk as soon as [`push`](Self::push) returns.
+///
+/// Dropped, it stays in its journal and is offered as unfinished when the dataset is opened again.
+pub struct Recording {
+    file: File,
+    path: PathBuf,
+    n_bytes: u64,
+    synced: Instant,
+    side: Option<u32>,
+    pub(super) take: Take,
+}
+
+/// What is known of an episode before it is sealed.
+#[derive(Debug, PartialEq)]
+pub(super) struct Take {
+    /// The journal's name, which is kept in the sealed file so that nothing is sealed twice.
+    pub(super) id: String,
+    /// Who drove where.
+    pub(super) info: EpisodeInfo,
+    /// The steps, in order.
+    pub(super) rows: Vec<Row>,
+    /// How it ended, where it did.
+    pub(super) end: Option<TakeEnd>,
+}
+
+/// A step, its frame as PNG.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Row {
+    pub(super) png: Vec<u8>,
+    pub(super) action: Action,
+    pub(super) reward: f32,
+    pub(super) grass: bool,
+    pub(super) wall_time_ns: i64,
+}
+
+/// The frame after the last action, and whether the environment ended the episode.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct TakeEnd {
+    pub(super) png: Vec<u8>,
+    pub(super) done: bool,
+}
+
+/// The first record of a journal.
+#[derive(Serialize, Deserialize)]
+struct Head {
+    app: String,
+    #[serde(flatten)]
+    info: EpisodeInfo,
+}
+
+impl Recording {
+    /// Begins a journal in the dataset at `dir`, whose frames have `side` pixels a side where that is known.
+    pub(super) fn begin(dir: &Path, info: EpisodeInfo, side: Option<u32>) -> Result<Self, DatasetError> {
+        let (id, path) = new_journal(&dir.join("journal"));
+        let head = Head { app: env!("CARGO_PKG_VERSION").into(), info: info.clone() };
+        let payload = [b"I".as_slice(), &serde_json::to_vec(&head).expect("text and numbers")].concat();
+        let begun = [MAGIC, &record(&payload)].concat();
+        disk::replace(&path, &begun)?;
+        let file = File::options().append(true).open(&path);
+        Ok(Self {
+            file: file.map_err(DatasetError::disk("begin the journal", &path))?,
+            n_bytes: begun.len() as u64,
+            synced: Instant::now(),
+            side,
+            take: Take { id, info, rows: Vec::new(), end: None },
+            path,
+        })
+    }
+
+    /// Appends a step; once this returns, a killed program does not lose it.
+    ///
+    /// After an error the step is not part of the recording, which may go on.
+    ///
+    /// # Panics
+    /// Where the action or the reward is not finite.
+    pub fn push(&mut self, step: &StepRecord) -> Result<(), DatasetError> {
+        let numbers = [step.action.steer, step.action.gas, step.action.brake, step.reward];
+        assert!(
+            numbers.iter().all(|number| number.is_finite()),
+            "actions and rewards are finite: {numbers:?}"
+        );
+        self.check_side(&step.frame)?;
+        let row = Row {
+            png: png::encode(&step.frame),
+            action: step.action,
+            reward: step.reward,
+            grass: step.grass,
+            wall_time_ns: step.wall_time_ns,
+        };
+        self.append(&record(&row.to_payload()))?;
+        self.side = Some(step.frame.side());
+        self.take.rows.push(row);
+        Ok(())
+    }
+
+    /// How many steps it has so far.
+    pub fn n_steps(&self) -> usize {
+        self.take.rows.len()
+    }
+
+    /// The journal.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// Forgets the episode, journal and all.
+    pub fn discard(self) -> Result<(), DatasetError> {
+        fs::remove_file(&self.path).map_err(DatasetError::disk("remove the journal", &self.path))
+    }
+
+    /// Appends the end.
+    pub(super) fn finish(&mut self, last_frame: &Frame, done: bool) -> Result<(), DatasetError> {
+        self.check_side(last_frame)?;
+        let end = TakeEnd { png: png::encode(last_frame), done };
+        self.append(&record(&[b"E".as_slice(), &[u8::from(done)], &end.png].concat()))?;
+        self.take.end = Some(end);
+        Ok(())
+    }
+
+    fn check_side(&self, frame: &Frame) -> Result<(), DatasetError> {
+        match self.side {
+            Some(met) if met != frame.side() => {
+                Err(DatasetError::OtherSide { tried: frame.side(), met, path: self.path.clone() })
+            }
+            _ => Ok(()),
+        }
+    }
+
+    /// Writes whole records, or leaves the journal as it was.
+    fn append(&mut self, records: &[u8]) -> Result<(), DatasetError> {
+        if let Err(met) = self.file.write_all(records) {
+            // Half a record must not stand before the next.
+            self.file.set_len(self.n_bytes).ok();
+            return Err(DatasetError::disk("write the journal", &self.path)(met));
+        }
+        self.n_bytes += records.len() as u64;
+        if self.synced.elapsed() >= SYNC_EVERY {
+            self.file.sync_data().map_err(DatasetError::disk("sync the journal", &self.path))?;
+            self.synced = Instant::now();
+        }
+        Ok(())
+    }
+}
+
+impl Row {
+    /// Bytes of a payload before the PNG.
+    const HEAD: usize = 1 + 8 + 4 * Action::LEN + 4 + 1;
+
+    fn to_payload(&self) -> Vec<u8> {
+        let mut payload = Vec::with_capacity(Self::HEAD + self.png.len());
+        payload.push(b'S');
+        payload.extend(self.scalars());
+        payload.extend(&self.png);
+        payload
+    }
+
+    /// All but the frame, as bytes.
+    pub(super) fn scalars(&self) -> Vec<u8> {
+        let mut bytes = self.wall_time_ns.to_le_bytes().to_vec();
+        for number in self.action.to_array().into_iter().chain([self.reward]) {
+            bytes.extend(number.to_le_bytes());
+        }
+        bytes.push(u8::from(self.grass));
+        bytes
+    }
+
+    fn from_payload(payload: &[u8]) -> Option<Self> {
+        let (head, png) = payload.split_at_checked(Self::HEAD)?;
+        let number = |at: usize| Some(f32::from_le_bytes(*head.get(at..)?.first_chunk()?));
+        Some(Self {
+            png: png.to_vec(),
+            action: Action { steer: number(9)?, gas: number(13)?, brake: number(17)? },
+            reward: number(21)?,
+            grass: *head.last()? != 0,
+            wall_time_ns: i64::from_le_bytes(*head.get(1..)?.first_chunk()?),
+        })
+    }
+}
+
+/// A record with its length and checksum before it.
+fn record(payload: &[u8]) -> Vec<u8> {
+    let mut record = Vec::with_capacity(RECORD_HEAD + payload.len());
+    record.extend((payload.len() as u32).to_le_bytes());
+    record.extend(checksum(payload));
+    record.extend(payload);
+    record
+}
+
+fn checksum(payload: &[u8]) -> [u8; 8] {
+    let mut checksum = [0; 8];
+    checksum.copy_from_slice(&Sha256::digest(payload)[..8]);
+    checksum
+}
+
+/// A name that no other journal has: the nanoseconds of the wall clock.
+fn new_journal(folder: &Path) -> (String, PathBuf) {
+    let since_epoch = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).unwrap_or_default();
+    let mut nanos = since_epoch.as_nanos();
+    loop {
+        let id = format!("{nanos:023}");
+        let path = folder.join(format!("{id}.{EXTENSION}"));
+        if !path.exists() {
+            return (id, path);
+        }
+        nanos += 1;
+    }
+}
+
+/// Reads what a journal holds, up to its first torn record.
+pub(super) fn read(path: &Path) -> Result<Take, DatasetError> {
+    let bytes = fs::read(path).map_err(DatasetError::disk("read the journal", path))?;
+    let damaged = || DatasetError::DamagedJournal { path: path.to_path_buf() };
+    let rest = bytes.strip_prefix(MAGIC).ok_or_else(damaged)?;
+    let (payload, mut rest) = split_record(rest).ok_or_else(damaged)?;
+    let head: Head =
+        payload.strip_prefix(b"I").and_then(|json| serde_json::from_slice(json).ok()).ok_or_else(damaged)?;
+    let id = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+    let mut take = Take { id, info: head.info, rows: Vec::new(), end: None };
+    while let Some((payload, after)) = split_record(rest) {
+        match payload {
+            [b'E', done, png @ ..] => take.end = Some(TakeEnd { png: png.to_vec(), done: *done != 0 }),
+            payload => match Row::from_payload(payload) {
+                Some(row) => take.rows.push(row),
+                None => break,
+            },
+        }
+        rest = after;
+    }
+    if !rest.is_empty() {
+        log::warn!("dropping a torn record, the last {} bytes of the journal {}", rest.len(), path.display());
+    }
+    Ok(take)
+}
+
+/// The payload of the first record, and what comes after it; nothing where the record is torn.
+fn split_record(bytes: &[u8]) -> Option<(&[u8], &[u8])> {
+    let (head, rest) = bytes.split_at_checked(RECORD_HEAD)?;
+    let len = u32::from_le_bytes(*head.first_chunk()?) as usize;
+    let (payload, after) = rest.split_at_checked(len)?;
+    (checksum(payload) == head[4..]).then_some((payload, after))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn step(level: u8) -> StepRecord {
+        StepRecord {
+            frame: Frame::new(4, vec![level; 48]),
+            action: Action::new(0.25, f32::from(level) / 255.0, 0.5),
+            reward: -1.0,
+            grass: level % 2 == 1,
+            wall_time_ns: 1_767_225_600_000_000_000 + i64::from(level),
+        }
+    }
+
+    fn info() -> EpisodeInfo {
+        EpisodeInfo { env: "dummy".into(), pilot: "nobody".into(), seed: u64::MAX }
+    }
+
+    #[test]
+    fn a_journal_cut_at_any_byte_of_its_last_record_keeps_all_records_before() {
+        let dir = tempfile::tempdir().unwrap();
+        let mut recording = Recording::begin(dir.path(), info(), None).unwrap();
+        recording.push(&step(1)).unwrap();
+        recording.push(&step(2)).unwrap();
+        let n_before = recording.n_bytes as usize;
+        recording.push(&step(3)).unwrap();
+        let whole = fs::read(recording.path()).unwrap();
+        for n_left in n_before..whole.len() {
+            fs::write(recording.path(), &whole[..n_left]).unwrap();
+            let take = read(recording.path()).unwrap();
+            assert_eq!(take.rows, recording.take.rows[..2], "cut to {n_left} bytes");
+        }
+        fs::write(recording.path(), &whole).unwrap();
+        assert_eq!(read(recording.path()).unwrap(), recording.take);
+    }
+
+    #[test]
+    fn a_flipped_bit_ends_a_journal_there() {
+        let dir = tempfile::tempdir().unwrap();
+        let mut recording = Recording::begin(dir.path(), info(), None).unwrap();
+        recording.push(&step(1)).unwrap();
+        let n_before = recording.n_bytes as usize;
+        recording.push(&step(2)).unwrap();
+        let mut bytes = fs::read(recording.path()).unwrap();
+        bytes[n_before + 30] ^= 4;
+        fs::write(recording.path(), bytes).unwrap();
+        assert_eq!(read(recording.path()).unwrap().rows, recording.take.rows[..1]);
+    }
+
+    #[test]
+    fn an_end_is_read_back() {
+        let dir = tempfile::tempdir().unwrap();
+        let mut recording = Recording::begin(dir.path(), info(), None).unwrap();
+        recording.push(&step(1)).unwrap();
+        recording.finish(&step(9).frame, true).unwrap();
+        assert_eq!(read(recording.path()).unwrap(), recording.take);
+    }
+
+    #[test]
+    fn a_frame_of_another_size_is_refused_and_the_recording_goes_on() {
+        let dir = tempfile::tempdir().unwrap();
+        let mut recording = Recording::begin(dir.path(), info(), None).unwrap();
+        recording.push(&step(1)).unwrap();
+        let other = StepRecord { frame: Frame::new(2, vec![0; 12]), ..step(2) };
+        let message = recording.push(&other).unwrap_err().to_string();
+        assert!(message.starts_with("a frame of 2 pixels a side cannot join frames of 4"), "{message}");
+        recording.push(&step(3)).unwrap();
+        assert_eq!(recording.n_steps(), 2);
+    }
+}

@@ -1,0 +1,99 @@
+//! Recorded episodes on disk: journaled while they are driven, sealed when they end, read one at a time.
+//!
+//! The folder is a `LeRobotDataset` v3.0, which `LeRobot` and Rerun open:
+//!
+//! ```text
+//! data/chunk-000/file-000.parquet   one sealed file per episode: chunk = number / 1000, file = number % 1000
+//! meta/                             info.json, stats.json, tasks.parquet, episodes/chunk-000/file-000.parquet
+//! journal/                          episodes that are being driven, or were when the program was killed
+//! ```
+//!
+//! A row of `data` is a step: `observation.image` (a PNG, the frame *before* the action), `action` (steer, gas and
+//! brake as the environment took them), `next.reward`, `next.done`, `next.grass`, `timestamp` (seconds, the step's
+//! index over 50), `wall_time_ns` (nanoseconds since 1970 when the action was taken) and `LeRobot`'s indices.
+//! An episode of n steps has n + 1 frames, each stored once: the frame after the last action is no step and gets no
+//! row; it stands in the footer of the file, under the key `dropj.last_frame`, as a PNG in hexadecimal.
+//!
+//! The files of `data` say all there is to say; `meta` is derived from them and repaired when it lags behind.
+
+mod disk;
+mod error;
+mod folder;
+mod journal;
+mod meta;
+mod png;
+mod sealed;
+mod stats;
+mod table;
+#[cfg(test)]
+mod tests;
+
+use std::path::PathBuf;
+
+use serde::{Deserialize, Serialize};
+
+pub use error::DatasetError;
+pub use folder::Dataset;
+pub use journal::Recording;
+
+use crate::env::{Action, Frame};
+
+/// Who drove where.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct EpisodeInfo {
+    /// The environment's name.
+    pub env: String,
+    /// The driver's name: a person's or a scripted pilot's.
+    pub pilot: String,
+    /// What the environment was reset with.
+    pub seed: u64,
+}
+
+/// A step as it is recorded.
+#[derive(Clone, Debug, PartialEq)]
+pub struct StepRecord {
+    /// What was seen before the action.
+    pub frame: Frame,
+    /// What was done.
+    pub action: Action,
+    /// The environment's reward for it, which the method never sees.
+    pub reward: f32,
+    /// Whether the car was on the grass after it.
+    pub grass: bool,
+    /// When the action was taken, in nanoseconds since 1970.
+    pub wall_time_ns: i64,
+}
+
+/// An episode as it was recorded: n steps.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Episode {
+    /// Its number in the dataset.
+    pub number: usize,
+    /// Who drove where.
+    pub info: EpisodeInfo,
+    /// The frame before each action and the one after the last: n + 1.
+    ///
+    /// The one after the last is missing (n frames) where the program was killed before it was recorded.
+    pub frames: Vec<Frame>,
+    /// The action of each step: n.
+    pub actions: Vec<Action>,
+    /// The environment's reward for each: n.
+    pub rewards: Vec<f32>,
+    /// Whether the car was on the grass after each: n.
+    pub grass: Vec<bool>,
+    /// When each action was taken, in nanoseconds since 1970: n.
+    pub wall_times_ns: Vec<i64>,
+    /// Whether the environment ended it, and not the driver or a crash of the program.
+    pub done: bool,
+}
+
+/// An episode that was being driven when the program stopped.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Unfinished {
+    /// Its journal.
+    pub path: PathBuf,
+    /// Who drove where.
+    pub info: EpisodeInfo,
+    /// How many whole steps the journal holds.
+    pub n_steps: usize,
+}
