@@ -3,18 +3,26 @@
 //! Nothing here knows a tensor: frames are `u8`, actions `f32`.
 
 pub mod action;
+pub mod car;
+pub mod car_racing;
 pub mod controls;
+mod course;
 pub mod draw;
 pub mod frame;
 pub mod mersenne;
+pub mod obstacles;
+pub mod physics;
 pub mod process;
 pub mod random;
 mod raster;
+pub mod trace;
 pub mod track;
 pub mod trig;
 
 pub use action::{Action, ScaledAction};
+pub use car_racing::CarRacing;
 pub use frame::Frame;
+pub use obstacles::{Aids, ObstacleCarRacing, Obstacles};
 
 /// Environment steps a second of simulated time.
 pub const STEPS_PER_SEC: u32 = 50;
