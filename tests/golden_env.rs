@@ -1,7 +1,6 @@
 //! Whole episodes equal those recorded in the authors' Python environments under gym 0.20.
 //!
-//! The files hold, by step: a0, a1, a2, reward, done, crash, succ, chuck, chuck_passed, car, car_passed, score, then
-//! x, y, angle, vx, vy, w of every car. With glibc's sines all of it is equal to the last bit; with the portable ones
+//! The files hold the columns of `trace::COLUMNS`, a line a step. With glibc's sines all of it is equal to the last bit; with the portable ones
 //! of the product, poses drift apart by and by.
 
 use dropj::env::trace::{COLUMNS, Row, Traced, trace};
@@ -29,7 +28,7 @@ fn cars(trig: Trig) -> ObstacleCarRacing {
 }
 
 fn table(csv: &str) -> Vec<Vec<f64>> {
-    csv.lines().map(|line| line.split(',').map(|field| field.parse().unwrap()).collect()).collect()
+    csv.lines().map(|line| line.split(',').map(|field| field.parse().expect("a number")).collect()).collect()
 }
 
 fn actions(table: &[Vec<f64>]) -> Vec<[f64; 3]> {
@@ -83,25 +82,32 @@ fn a_portable_episode_of_car_racing_stays_near_the_recorded_one() {
     for (ours, recorded) in drive(&mut env, gym(0), PLAIN) {
         worst = worst.max((ours[12] - recorded[12]).abs()).max((ours[13] - recorded[13]).abs());
     }
-    // Sines differ in the last bit, and a thousand steps of tires on their limit carry that on.
-    println!("portable drift: {worst} units");
-    assert!(worst < 1.0, "the hull is {worst} units away");
+    // Sines that differ in the last bit grow to about 2e-4 units over this episode.
+    assert!(worst < 1e-2, "the hull is {worst} units away");
 }
 
 /// How many pixels of `ours` differ from a recorded picture.
 fn different_pixels(ours: &[u8], name: &str) -> usize {
     let path = format!("{}/tests/golden/{name}.png", env!("CARGO_MANIFEST_DIR"));
-    let recorded = image::open(path).unwrap().to_rgb8();
+    let recorded = image::open(path).expect("a recorded picture").to_rgb8();
     assert_eq!(ours.len(), recorded.as_raw().len(), "{name} has our size");
-    ours.chunks(3).zip(recorded.as_raw().chunks(3)).filter(|(a, b)| a != b).count()
+    // Of the 96 rows of Car Racing the last twelve are the bar with the score, whose digits have another font with us.
+    let n = if ours.len() == 96 * 96 * 3 { 84 * 96 } else { ours.len() / 3 };
+    ours.chunks(3).zip(recorded.as_raw().chunks(3)).take(n).filter(|(a, b)| a != b).count()
 }
 
 /// Drives `env` by the recorded actions and counts different pixels in each recorded picture.
-fn assert_pictures(env: &mut dyn Traced, seed: Seed, csv: &str, name: &str, steps: &[usize], tolerance: usize) {
+fn assert_pictures(
+    env: &mut dyn Traced,
+    seed: Seed,
+    csv: &str,
+    name: &str,
+    steps: &[usize],
+    tolerance: usize,
+) {
     trace(env, seed, &actions(&table(csv)), |step, env| {
         if steps.contains(&step) {
             let different = different_pixels(&env.raw_image(), &format!("{name}_step{step}"));
-            println!("{name}, step {step}: {different} pixels differ");
             assert!(different <= tolerance, "{different} pixels of {name}, step {step} differ");
         }
     });
@@ -124,8 +130,7 @@ fn frames_are_processed_as_the_recorded_ones() {
     trace(&mut env, gym(0), &actions(&table(PLAIN)), |step, env| {
         if [0, 10, 150].contains(&step) {
             let different = different_pixels(env.frame().rgb(), &format!("processed84_plain_0_step{step}"));
-            println!("processed, step {step}: {different} pixels differ");
-            assert!(different <= 4, "{different} pixels of step {step} differ");
+            assert!(different == 0, "{different} pixels of step {step} differ");
         }
     });
 }
@@ -149,7 +154,8 @@ fn an_episode_ends_after_a_thousand_actions() {
 #[test]
 fn leaving_the_field_ends_the_episode_at_a_loss() {
     let mut env = CarRacing::new(Seed::Native(1));
-    let last = (0..1000).map(|_| env.advance([0.0, 1.0, 0.0].into())).find(|outcome| outcome.end.is_some()).unwrap();
+    let last =
+        (0..1000).map(|_| env.advance([0.0, 0.3, 0.0].into())).find(|outcome| outcome.end.is_some()).unwrap();
     assert_eq!((last.reward, last.events.grass), (-1.0, true));
     assert_eq!(last.end, Some(dropj::env::End::OutOfBounds));
 }

@@ -6,6 +6,7 @@
 use super::course::{Course, controls};
 use super::draw::{picture, state_image};
 use super::process::process;
+use super::trace::Traced;
 use super::trig::Trig;
 use super::{Action, Env, Frame, Outcome, Seed, Truth};
 
@@ -30,35 +31,9 @@ impl CarRacing {
         Self { trig, course: start(seed, trig) }
     }
 
-    /// [`Env::advance`] in double precision, as Python has actions: steer, gas, brake.
-    pub fn advance_by(&mut self, [steer, gas, brake]: [f64; 3]) -> Outcome {
-        let agent = self.course.agent();
-        agent.steer(-steer);
-        agent.gas(gas);
-        agent.brake(brake);
-        self.course.step_car(0);
-        self.course.step_world();
-        self.course.judge()
-    }
-
-    /// The score that gym shows: 1000 for all tiles, −0.1 an action. It is not the return.
-    pub fn score(&self) -> f64 {
-        self.course.score()
-    }
-
     /// How many tiles were visited.
     pub fn n_visited(&self) -> usize {
         self.course.n_visited()
-    }
-
-    /// x, y, angle, vx, vy and turn rate of the hull.
-    pub fn car_states(&self) -> Vec<[f32; 6]> {
-        self.course.car_states()
-    }
-
-    /// The picture before processing: `96 · 96 · 3` bytes.
-    pub fn raw_image(&self) -> Vec<u8> {
-        state_image(&self.course.scene(true), RAW_SIDE)
     }
 }
 
@@ -91,5 +66,29 @@ impl Env for CarRacing {
 
     fn picture(&self, width: u32, height: u32) -> Vec<u8> {
         picture(&self.course.scene(true), width, height)
+    }
+}
+
+impl Traced for CarRacing {
+    fn advance_by(&mut self, [steer, gas, brake]: [f64; 3]) -> Outcome {
+        let agent = self.course.agent();
+        agent.steer(-steer);
+        agent.gas(gas);
+        agent.brake(brake);
+        self.course.step_car(0);
+        self.course.step_world();
+        self.course.judge()
+    }
+
+    fn score(&self) -> f64 {
+        self.course.score()
+    }
+
+    fn car_states(&self) -> Vec<[f32; 6]> {
+        self.course.car_states()
+    }
+
+    fn raw_image(&self) -> Vec<u8> {
+        state_image(&self.course.scene(true), RAW_SIDE)
     }
 }

@@ -253,12 +253,7 @@ impl Course {
             chuckholes: &self.chuckholes,
             cars: self.cars.iter().enumerate().map(view).collect(),
             time: self.time,
-            camera: Camera {
-                x: f64::from(p.x),
-                y: f64::from(p.y),
-                angle: f64::from(hull.angle()),
-                velocity,
-            },
+            camera: Camera { x: f64::from(p.x), y: f64::from(p.y), angle: f64::from(hull.angle()), velocity },
             indicators: indicators.then(gauges),
         }
     }

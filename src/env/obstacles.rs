@@ -8,6 +8,7 @@ use std::collections::HashSet;
 use super::course::{Course, Meeting, Part, controls, speed, wrap};
 use super::draw::{picture, state_image};
 use super::random::ChoiceStream;
+use super::trace::Traced;
 use super::track::NODE_STEP;
 use super::trig::{self, Trig};
 use super::{Action, Env, Frame, Outcome, Seed, Truth};
@@ -118,26 +119,6 @@ impl ObstacleCarRacing {
     /// The action that the car last carried out, which an aid may have changed.
     pub fn executed(&self) -> Action {
         self.executed
-    }
-
-    /// [`Env::advance`] in double precision, as Python has actions: steer, gas, brake.
-    pub fn advance_by(&mut self, action: [f64; 3]) -> Outcome {
-        self.step(Some(action))
-    }
-
-    /// The score that gym shows: 1000 for all tiles, −0.1 an action. It is not the return.
-    pub fn score(&self) -> f64 {
-        self.course.score()
-    }
-
-    /// x, y, angle, vx, vy and turn rate of every hull, the agent's first.
-    pub fn car_states(&self) -> Vec<[f32; 6]> {
-        self.course.car_states()
-    }
-
-    /// The frame's bytes: `128 · 128 · 3`.
-    pub fn raw_image(&self) -> Vec<u8> {
-        state_image(&self.course.scene(false), SIDE)
     }
 
     /// One step; without an action it is the hidden one of a reset.
@@ -366,5 +347,23 @@ impl Env for ObstacleCarRacing {
 
     fn picture(&self, width: u32, height: u32) -> Vec<u8> {
         picture(&self.course.scene(true), width, height)
+    }
+}
+
+impl Traced for ObstacleCarRacing {
+    fn advance_by(&mut self, action: [f64; 3]) -> Outcome {
+        self.step(Some(action))
+    }
+
+    fn score(&self) -> f64 {
+        self.course.score()
+    }
+
+    fn car_states(&self) -> Vec<[f32; 6]> {
+        self.course.car_states()
+    }
+
+    fn raw_image(&self) -> Vec<u8> {
+        state_image(&self.course.scene(false), SIDE)
     }
 }

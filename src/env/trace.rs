@@ -1,11 +1,27 @@
 //! Episodes as tables, to compare with recorded runs of the Python environments.
 
-use super::{CarRacing, Env, Events, ObstacleCarRacing, Outcome, Seed};
+use super::{End, Env, Events, Outcome, Seed};
 
 /// The columns of a [`Row`]; those from `x` on repeat for every car.
 pub const COLUMNS: [&str; 18] = [
-    "a0", "a1", "a2", "reward", "done", "crash", "succ", "chuck", "chuck_passed", "car", "car_passed", "score", "x",
-    "y", "angle", "vx", "vy", "w",
+    "a0",
+    "a1",
+    "a2",
+    "reward",
+    "done",
+    "crash",
+    "succ",
+    "chuck",
+    "chuck_passed",
+    "car",
+    "car_passed",
+    "score",
+    "x",
+    "y",
+    "angle",
+    "vx",
+    "vy",
+    "w",
 ];
 
 /// An environment that can be driven and looked at in full.
@@ -18,36 +34,6 @@ pub trait Traced: Env {
     fn car_states(&self) -> Vec<[f32; 6]>;
     /// The state image before processing, square RGB.
     fn raw_image(&self) -> Vec<u8>;
-}
-
-impl Traced for CarRacing {
-    fn advance_by(&mut self, action: [f64; 3]) -> Outcome {
-        self.advance_by(action)
-    }
-    fn score(&self) -> f64 {
-        self.score()
-    }
-    fn car_states(&self) -> Vec<[f32; 6]> {
-        self.car_states()
-    }
-    fn raw_image(&self) -> Vec<u8> {
-        self.raw_image()
-    }
-}
-
-impl Traced for ObstacleCarRacing {
-    fn advance_by(&mut self, action: [f64; 3]) -> Outcome {
-        self.advance_by(action)
-    }
-    fn score(&self) -> f64 {
-        self.score()
-    }
-    fn car_states(&self) -> Vec<[f32; 6]> {
-        self.car_states()
-    }
-    fn raw_image(&self) -> Vec<u8> {
-        self.raw_image()
-    }
 }
 
 /// A step of a traced episode.
@@ -69,7 +55,8 @@ impl Row {
         let Events { new_tile, grass, chuckhole, chuckhole_passed, car, car_passed } = self.outcome.events;
         let mut values = self.action.to_vec();
         values.push(f64::from(self.outcome.reward));
-        values.push(f64::from(u8::from(self.outcome.end.is_some())));
+        // The recorded runs have no time limit: only leaving the field is "done".
+        values.push(f64::from(u8::from(self.outcome.end == Some(End::OutOfBounds))));
         let flags = [grass, new_tile, chuckhole, chuckhole_passed, car, car_passed];
         values.extend(flags.map(|flag| f64::from(u8::from(flag))));
         values.push(self.score);

@@ -123,7 +123,8 @@ impl Island {
             let Contact { a, b, ref manifold, .. } = contacts[contact];
             let sides = [side(a), side(b)];
             let given = (dt_ratio, trig);
-            let row = ContactRow::new(contact, manifold, sides, &self.positions, &self.state.velocities, given);
+            let row =
+                ContactRow::new(contact, manifold, sides, &self.positions, &self.state.velocities, given);
             self.state.contacts.push(row);
         }
         for row in &self.state.contacts {
@@ -243,7 +244,9 @@ impl Island {
         let mut least = f32::MAX;
         for &body in &self.bodies {
             let body = &mut bodies[body];
-            if body.w * body.w > SLEEP_ANGULAR * SLEEP_ANGULAR || body.v.dot(body.v) > SLEEP_LINEAR * SLEEP_LINEAR {
+            if body.w * body.w > SLEEP_ANGULAR * SLEEP_ANGULAR
+                || body.v.dot(body.v) > SLEEP_LINEAR * SLEEP_LINEAR
+            {
                 body.sleep_secs = 0.0;
             } else {
                 body.sleep_secs += dt;

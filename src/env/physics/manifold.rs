@@ -92,7 +92,8 @@ fn collide(a: (&Polygon, Transform), b: (&Polygon, Transform)) -> Manifold {
     let normal = tangent.right();
     let (w1, w2) = (xf.apply(v1), xf.apply(v2));
     let front = normal.dot(w1);
-    let Some(clips) = clip(incident_edge(one, edge, two), -tangent, -tangent.dot(w1) + TOTAL_RADIUS, edge) else {
+    let Some(clips) = clip(incident_edge(one, edge, two), -tangent, -tangent.dot(w1) + TOTAL_RADIUS, edge)
+    else {
         return manifold;
     };
     let Some(clips) = clip(clips, tangent, tangent.dot(w2) + TOTAL_RADIUS, next) else {

@@ -40,12 +40,14 @@ impl Vec2 {
 
     /// The vector turned by a right angle clockwise: `self × 1`.
     #[inline]
+    #[must_use]
     pub fn right(self) -> Self {
         Self::new(self.y, -self.x)
     }
 
     /// The velocity that a turn rate `w` gives to the arm `self`: `w × self`.
     #[inline]
+    #[must_use]
     pub fn spun(self, w: f32) -> Self {
         Self::new(-w * self.y, w * self.x)
     }
@@ -58,6 +60,7 @@ impl Vec2 {
 
     /// The vector multiplied by one over its length.
     #[inline]
+    #[must_use]
     pub fn normalized(self) -> Self {
         (1.0 / self.length()) * self
     }

@@ -379,7 +379,11 @@ impl World {
     /// Lets the fat boxes follow the bodies that moved out of them.
     fn refresh_boxes(&mut self) {
         for body in self.bodies.iter().rev().filter(|body| body.in_island) {
-            let before = Transform::around(body.center_before, Rot::new(body.angle_before, self.trig), body.local_center);
+            let before = Transform::around(
+                body.center_before,
+                Rot::new(body.angle_before, self.trig),
+                body.local_center,
+            );
             let shift = body.xf.p - before.p;
             for i in body.fixtures.clone() {
                 let shape = &self.fixtures[i].shape;

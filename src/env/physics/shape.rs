@@ -193,8 +193,10 @@ impl Shape {
             Self::Polygon(polygon) => closer_than(polygon, other, 2.0 * SKIN + TOUCH_TOLERANCE),
             Self::Circle { center, radius } => {
                 let reach = SKIN + radius + TOUCH_TOLERANCE;
-                let inside = other.normals().iter().zip(other.vertices()).all(|(n, &v)| n.dot(*center - v) <= 0.0);
-                inside || edges(other).any(|(a, b)| squared_distance(*center, a, b) < f64::from(reach).powi(2))
+                let inside =
+                    other.normals().iter().zip(other.vertices()).all(|(n, &v)| n.dot(*center - v) <= 0.0);
+                inside
+                    || edges(other).any(|(a, b)| squared_distance(*center, a, b) < f64::from(reach).powi(2))
             }
         }
     }
@@ -285,12 +287,18 @@ impl Aabb {
 
     #[inline]
     pub(super) fn contains(self, other: Self) -> bool {
-        self.lo.x <= other.lo.x && self.lo.y <= other.lo.y && other.hi.x <= self.hi.x && other.hi.y <= self.hi.y
+        self.lo.x <= other.lo.x
+            && self.lo.y <= other.lo.y
+            && other.hi.x <= self.hi.x
+            && other.hi.y <= self.hi.y
     }
 
     #[inline]
+    #[expect(clippy::needless_bitwise_bool, reason = "the scan over all tiles stays free of branches")]
     pub(super) fn overlaps(self, other: Self) -> bool {
-        // Without short cuts: the scan over all tiles is then free of branches.
-        (self.lo.x <= other.hi.x) & (self.lo.y <= other.hi.y) & (other.lo.x <= self.hi.x) & (other.lo.y <= self.hi.y)
+        (self.lo.x <= other.hi.x)
+            & (self.lo.y <= other.hi.y)
+            & (other.lo.x <= self.hi.x)
+            & (other.lo.y <= self.hi.y)
     }
 }
