@@ -22,7 +22,7 @@
 //! | [`dream`] | stepping the model as an environment | holds no randomness of its own: noise comes from the caller |
 //! | `reward` | the ensemble and its fitting | never sees a frame: features and scaled actions only |
 //! | `planner` | candidates, imagined returns, the choice | a pure function of state, models and generator |
-//! | `simulate` | stand-ins for people: pilot, probe, annotator | once it labels it sees frames, never the simulator |
+//! | [`simulate`] | stand-ins for people: pilot, probe, annotator | once it labels it sees frames, never the simulator |
 //! | `evaluation` | episodes in the real world, metrics | takes a policy, returns numbers; same tracks for every method |
 //! | `session` | events, their log, replay; arrays and weights on disk | with `dataset` the only module that touches files; a session *is* its log |
 //! | `worker` | threads | the only module that starts one; a worker owns its models and shares nothing |
@@ -53,3 +53,4 @@ pub mod env;
 pub mod world_model;
 pub mod query;
 pub mod dream;
+pub mod simulate;

@@ -1,0 +1,4 @@
+//! Stand-ins for people: they drive, see and answer, so that everything runs without anyone at the keys.
+
+mod hand;
+pub mod pilot;
