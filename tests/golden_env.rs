@@ -1,7 +1,7 @@
 //! Whole episodes equal those recorded in the authors' Python environments under gym 0.20.
 //!
-//! The files hold the columns of `trace::COLUMNS`, a line a step. With glibc's sines all of it is equal to the last bit; with the portable ones
-//! of the product, poses drift apart by and by.
+//! The files hold the columns of `trace::COLUMNS`, a line a step. With glibc's sines all of it is equal to the last
+//! bit; with the portable ones of the product, poses drift apart by and by.
 
 use dropj::env::trace::{COLUMNS, Row, Traced, trace};
 use dropj::env::trig::Trig;

@@ -27,14 +27,15 @@ static TAPS: LazyLock<Vec<Taps>> = LazyLock::new(|| (0..SIDE).map(Taps::of_colum
 /// Where `raw96` is not `96 · 96 · 3` bytes.
 pub fn process(raw96: &[u8]) -> Frame {
     assert_eq!(raw96.len(), 3 * RAW * RAW, "a state image of Car Racing is 96 × 96");
-    let mut rgb = Vec::with_capacity(3 * SIDE * SIDE);
-    for row in raw96.as_chunks::<3>().0.chunks_exact(RAW).take(SIDE) {
+    let mut rgb = vec![0; 3 * SIDE * SIDE];
+    let rows = raw96.as_chunks::<3>().0.chunks_exact(RAW);
+    for (row, processed) in rows.zip(rgb.as_chunks_mut::<3>().0.chunks_exact_mut(SIDE)) {
         let run_ends = run_ends(row);
-        for taps in TAPS.iter() {
+        for (taps, to) in TAPS.iter().zip(processed) {
             let last = taps.first + N_TAPS;
             // A window of one color, as most are, keeps that color: the weights sum to 1.
             let pixel = if run_ends[taps.first] >= last { row[taps.first] } else { taps.apply(row) };
-            rgb.extend_from_slice(if pixel == [0; 3] { &[255; 3] } else { &pixel });
+            *to = if pixel == [0; 3] { [255; 3] } else { pixel };
         }
     }
     Frame::new(SIDE as u32, rgb)
