@@ -75,6 +75,17 @@ pub fn to_frames(pixels: &Tensor) -> Vec<Frame> {
     all.chunks_exact(3 * (side * side) as usize).map(|rgb| Frame::new(side as u32, rgb)).collect()
 }
 
+/// The SHA-256 of `bytes`, as `sha256:` and 64 hexadecimal digits.
+pub fn sha256(bytes: &[u8]) -> String {
+    use std::fmt::Write as _;
+
+    let mut hash = String::from("sha256:");
+    for byte in Sha256::digest(bytes) {
+        write!(hash, "{byte:02x}").unwrap_or_else(|_| unreachable!("a string takes all"));
+    }
+    hash
+}
+
 /// Why parameters cannot be loaded.
 #[derive(Debug, thiserror::Error)]
 pub enum ParametersError {
@@ -172,15 +183,9 @@ impl Parameters {
         &self.0
     }
 
-    /// The SHA-256 of the bytes, as `sha256:` and 64 hexadecimal digits.
+    /// What identifies them: the [`sha256`] of the bytes.
     pub fn hash(&self) -> String {
-        use std::fmt::Write as _;
-
-        let mut hash = String::from("sha256:");
-        for byte in Sha256::digest(&self.0) {
-            write!(hash, "{byte:02x}").unwrap_or_else(|_| unreachable!("a string takes all"));
-        }
-        hash
+        sha256(&self.0)
     }
 }
 

@@ -1,0 +1,113 @@
+//! Which events can happen in which state: the rules that live use and replay share.
+
+use std::path::{Component, Path};
+
+use crate::query::{Query, QueryId, Response, SEGMENT_LEN, SegmentRef, Weights};
+use crate::session::Session;
+use crate::session::error::Impossible;
+use crate::session::event::{Answer, Choice, Event};
+
+impl Session {
+    /// Whether `event` can happen now.
+    pub fn check(&self, event: &Event) -> Result<(), Impossible> {
+        match event {
+            Event::DreamKept(kept) => {
+                if kept.dream.0 as usize != self.dreams.len() {
+                    return Err(Impossible::DreamNumber { found: kept.dream, next: self.dreams.len() });
+                }
+                if let Some(&mark) = kept.marks.iter().find(|mark| **mark >= kept.len) {
+                    return Err(Impossible::Mark { mark, len: kept.len });
+                }
+                check_inside(&kept.file)
+            }
+            Event::Asked { query, left, right, choice } => self.check_asked(*query, [*left, *right], *choice),
+            Event::Answered(answer) => self.check_answer(answer),
+            Event::Retracted { query } if self.asked(*query)?.given.is_empty() => {
+                Err(Impossible::NotAnswered(*query))
+            }
+            Event::Restored { query } if self.asked(*query)?.retracted.is_empty() => {
+                Err(Impossible::NotRetracted(*query))
+            }
+            Event::Retracted { .. } | Event::Restored { .. } => Ok(()),
+            Event::Flagged { query } | Event::Unflagged { query } => self.asked(*query).map(drop),
+            Event::WeightsChanged { weights } => {
+                let names = |weights: &Weights| -> Vec<String> {
+                    weights.justifications.iter().map(|(_, name, _)| name.to_owned()).collect()
+                };
+                if names(weights) != names(&self.weights) {
+                    return Err(Impossible::Justifications);
+                }
+                check_weights(weights)
+            }
+            Event::Fitted { fit, file, .. } => {
+                let numbers = fit.losses.iter().chain(&fit.held_out);
+                if !numbers.into_iter().all(|loss| loss.is_finite() && *loss >= 0.0) {
+                    return Err(Impossible::Number("a loss"));
+                }
+                if fit.after > self.n_entries {
+                    return Err(Impossible::Future { after: fit.after, n_lines: self.n_entries });
+                }
+                check_inside(file)
+            }
+        }
+    }
+
+    fn check_asked(
+        &self,
+        query: QueryId,
+        segments: [SegmentRef; 2],
+        choice: Choice,
+    ) -> Result<(), Impossible> {
+        if query != self.next_query_id() {
+            return Err(Impossible::QueryNumber { found: query, next: self.queries.len() });
+        }
+        for segment in segments {
+            let len = self.dreams.get(segment.dream.0 as usize).map_or(0, |kept| kept.len);
+            if segment.start.saturating_add(SEGMENT_LEN) > len {
+                return Err(Impossible::Segment(segment));
+            }
+        }
+        if let Choice::Again(of) = choice {
+            let Query { left, right, .. } = self.asked(of)?.query;
+            if segments != [left, right] && segments != [right, left] {
+                return Err(Impossible::OtherSegments { query, of });
+            }
+        }
+        Ok(())
+    }
+
+    fn check_answer(&self, answer: &Answer) -> Result<(), Impossible> {
+        let query = self.asked(answer.query)?.query.id;
+        if !self.protocol.permits(&answer.response) {
+            return Err(Impossible::Response { query, protocol: self.protocol });
+        }
+        if let Response::Justified(justification, _) = answer.response
+            && justification > self.weights.justifications.default()
+        {
+            return Err(Impossible::Justification(query));
+        }
+        let mut steps = answer.left_unsafe_from.iter().chain(&answer.right_unsafe_from);
+        if let Some(&step) = steps.find(|step| **step >= SEGMENT_LEN) {
+            return Err(Impossible::Step { query, step });
+        }
+        if !(answer.secs.is_finite() && answer.secs >= 0.0) {
+            return Err(Impossible::Number("the time of an answer"));
+        }
+        Ok(())
+    }
+}
+
+/// Whether labels made with `weights` lie in `[0, 1]` on the side that was meant.
+pub(crate) fn check_weights(weights: &Weights) -> Result<(), Impossible> {
+    for (name, weight) in [("safety", weights.safety), ("default", weights.default)] {
+        if !(0.5..=1.0).contains(&weight) {
+            return Err(Impossible::Weight { name, weight });
+        }
+    }
+    Ok(())
+}
+
+fn check_inside(file: &str) -> Result<(), Impossible> {
+    let is_inside = Path::new(file).components().all(|part| matches!(part, Component::Normal(_)));
+    if is_inside { Ok(()) } else { Err(Impossible::Outside(file.to_owned())) }
+}

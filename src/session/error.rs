@@ -1,0 +1,227 @@
+//! What can go wrong with a session: each says what was tried, what was met, and where.
+
+use std::io;
+use std::path::{Path, PathBuf};
+
+use crate::query::{DreamId, Protocol, QueryId, SegmentRef};
+use crate::tensor::ParametersError;
+use crate::world_model::WorldModelError;
+
+/// Why an event cannot have happened in a session.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum Impossible {
+    /// A dream has not the number that is next.
+    #[error("dream {} was kept where dream {next} is next", .found.0)]
+    DreamNumber {
+        /// Its number.
+        found: DreamId,
+        /// The next.
+        next: usize,
+    },
+    /// A mark lies behind the end of its dream.
+    #[error("step {mark} is marked in a dream of {len} steps")]
+    Mark {
+        /// The step.
+        mark: usize,
+        /// How many there are.
+        len: usize,
+    },
+    /// A query has not the number that is next.
+    #[error("query {} was asked where query {next} is next", .found.0)]
+    QueryNumber {
+        /// Its number.
+        found: QueryId,
+        /// The next.
+        next: usize,
+    },
+    /// A segment does not lie in a dream of the session.
+    #[error("the segment from step {} of dream {} lies outside it", .0.start, .0.dream.0)]
+    Segment(SegmentRef),
+    /// A query is said to repeat one that shows something else.
+    #[error("query {} repeats query {}, which shows other segments", .query.0, .of.0)]
+    OtherSegments {
+        /// The repetition.
+        query: QueryId,
+        /// What it repeats.
+        of: QueryId,
+    },
+    /// A query was never asked.
+    #[error("query {} was never asked", .0.0)]
+    NeverAsked(QueryId),
+    /// The protocol does not ask for such a response.
+    #[error("{} does not ask for the response to query {}", .protocol.name(), .query.0)]
+    Response {
+        /// The query.
+        query: QueryId,
+        /// The session's.
+        protocol: Protocol,
+    },
+    /// The justification is not in the session's list.
+    #[error("query {} was answered with a justification that the session does not have", .0.0)]
+    Justification(QueryId),
+    /// A step is named that the segment does not have.
+    #[error("query {} was answered with step {step}, which its segments do not have", .query.0)]
+    Step {
+        /// The query.
+        query: QueryId,
+        /// The step.
+        step: usize,
+    },
+    /// There is no answer to take back.
+    #[error("query {} has no answer to take back", .0.0)]
+    NotAnswered(QueryId),
+    /// No answer was taken back.
+    #[error("no answer to query {} was taken back", .0.0)]
+    NotRetracted(QueryId),
+    /// A weight is out of range.
+    #[error("the weight {name:?} must lie between 0.5 and 1, but is {weight}")]
+    Weight {
+        /// Which one.
+        name: &'static str,
+        /// Its value.
+        weight: f32,
+    },
+    /// The justifications changed, so that old answers would mean something else.
+    #[error("the justifications must stay as they are: only their weights can change")]
+    Justifications,
+    /// A number is infinite or none, or negative where it cannot be.
+    #[error("{0} must be a number, and cannot be negative")]
+    Number(&'static str),
+    /// A reward was learned from lines that were not yet written.
+    #[error("a reward was learned after {after} lines where there were {n_lines}")]
+    Future {
+        /// After how many lines.
+        after: u64,
+        /// How many there were.
+        n_lines: u64,
+    },
+    /// A file lies outside the session's folder.
+    #[error("the file {0:?} lies outside the session")]
+    Outside(String),
+}
+
+/// Why a session cannot be made, opened, written or read.
+#[derive(Debug, thiserror::Error)]
+pub enum SessionError {
+    /// The disk refused: full, read-only, forbidden, absent.
+    #[error("cannot {tried}: {met}: {path:?}")]
+    Disk {
+        /// What was tried.
+        tried: &'static str,
+        /// What was met.
+        met: io::Error,
+        /// Where.
+        path: PathBuf,
+    },
+    /// A new session would lie over something else.
+    #[error("cannot make a session where there is something already: {path:?}")]
+    Exists {
+        /// Where.
+        path: PathBuf,
+    },
+    /// Another program has the session open.
+    #[error("cannot write this session: another program has it open: {path:?}")]
+    InUse {
+        /// Its log.
+        path: PathBuf,
+    },
+    /// The header cannot be understood.
+    #[error("cannot read the session's header: {met}: {path:?}")]
+    Header {
+        /// What was met.
+        met: String,
+        /// Its path.
+        path: PathBuf,
+    },
+    /// The session was written in another format.
+    #[error("this is a session of format {found}, and this program reads format {known}: {path:?}")]
+    Format {
+        /// Its format.
+        found: u64,
+        /// Ours.
+        known: u32,
+        /// Its header.
+        path: PathBuf,
+    },
+    /// The session belongs to another world model.
+    #[error("this session was made with the world model {session}, not with {model}: {path:?}")]
+    OtherWorldModel {
+        /// The hash in the session.
+        session: String,
+        /// The hash of the model at hand.
+        model: String,
+        /// The session.
+        path: PathBuf,
+    },
+    /// The session's world model is nowhere to be found.
+    #[error("cannot find the world model {hash} of this session: {path:?}")]
+    NoWorldModel {
+        /// The hash in the session.
+        hash: String,
+        /// The session.
+        path: PathBuf,
+    },
+    /// A line of the log is not an event.
+    #[error("line {line} of the session log is not an event: {met}: {path:?}")]
+    Line {
+        /// Which line, the first being 1.
+        line: usize,
+        /// What was met.
+        met: String,
+        /// The log.
+        path: PathBuf,
+    },
+    /// A line of the log tells what cannot have happened.
+    #[error("line {line} of the session log cannot be: {why}: {path:?}")]
+    ImpossibleLine {
+        /// Which line, the first being 1.
+        line: usize,
+        /// Why.
+        why: Impossible,
+        /// The log.
+        path: PathBuf,
+    },
+    /// An event cannot be recorded.
+    #[error("cannot record this: {0}")]
+    Impossible(#[from] Impossible),
+    /// There is no such dream.
+    #[error("the session has no dream {}", .0.0)]
+    NoDream(DreamId),
+    /// A file is not what it was when the log named it.
+    #[error("this file has changed since the session saved it: {path:?}")]
+    Changed {
+        /// Which one.
+        path: PathBuf,
+    },
+    /// A file does not hold a dream.
+    #[error("cannot read the dream: {met}: {path:?}")]
+    Dream {
+        /// What was met.
+        met: String,
+        /// Its path.
+        path: PathBuf,
+    },
+    /// A file does not hold parameters.
+    #[error("cannot read the parameters: {met}: {path:?}")]
+    Parameters {
+        /// What was met.
+        met: ParametersError,
+        /// Their path.
+        path: PathBuf,
+    },
+    /// The world model cannot be built.
+    #[error("{met}: {path:?}")]
+    WorldModel {
+        /// What was met.
+        met: WorldModelError,
+        /// Its path.
+        path: PathBuf,
+    },
+}
+
+impl SessionError {
+    /// What to make of an [`io::Error`] met while trying something at `path`.
+    pub(crate) fn disk(tried: &'static str, path: &Path) -> impl FnOnce(io::Error) -> Self {
+        move |met| Self::Disk { tried, met, path: path.to_owned() }
+    }
+}

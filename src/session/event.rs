@@ -1,0 +1,301 @@
+//! What can happen in a session, as it stands in its log: facts, never what follows from them.
+
+use serde::{Deserialize, Serialize};
+
+use crate::query::{DreamId, QueryId, Response, SegmentRef, Weights};
+
+/// One thing that happened.
+///
+/// The names of variants and fields are the file format: the snapshot below pins it, and a changed snapshot means
+/// that [`FORMAT`](crate::session::FORMAT) goes up.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "event", rename_all = "snake_case", deny_unknown_fields)]
+pub enum Event {
+    /// A dream was driven and kept.
+    DreamKept(KeptDream),
+    /// A query was drawn, and will be shown.
+    Asked {
+        /// Its number: how many were asked before.
+        query: QueryId,
+        /// Its left segment.
+        left: SegmentRef,
+        /// Its right segment.
+        right: SegmentRef,
+        /// Why this one.
+        choice: Choice,
+    },
+    /// A query was answered or skipped; an earlier answer to it no longer counts.
+    Answered(Answer),
+    /// The answer that counts for a query was taken back; the one before it counts again, if there is one.
+    Retracted {
+        /// Of which query.
+        query: QueryId,
+    },
+    /// The answer that was last taken back from a query counts again.
+    Restored {
+        /// Of which query.
+        query: QueryId,
+    },
+    /// A query was marked for a second look.
+    Flagged {
+        /// Which one.
+        query: QueryId,
+    },
+    /// That mark was removed.
+    Unflagged {
+        /// From which query.
+        query: QueryId,
+    },
+    /// From here on the answers, old and new, weigh differently.
+    WeightsChanged {
+        /// The new weights.
+        weights: Weights,
+    },
+    /// A reward was learned.
+    Fitted {
+        /// From what, and how well.
+        fit: Fit,
+        /// The file of its parameters, from the session's folder.
+        file: String,
+        /// The hash of that file, as in [`Parameters::hash`](crate::tensor::Parameters::hash).
+        sha256: String,
+    },
+}
+
+/// A dream that belongs to the session.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct KeptDream {
+    /// Its number: how many were kept before.
+    pub dream: DreamId,
+    /// How many steps it has.
+    pub len: usize,
+    /// The seed of its noise.
+    pub seed: u64,
+    /// Steps that the driver marked as unsafe, in order.
+    pub marks: Vec<usize>,
+    /// Who drove.
+    pub source: DreamSource,
+    /// Its file, from the session's folder.
+    pub file: String,
+    /// The hash of that file.
+    pub sha256: String,
+}
+
+/// Who drove a dream.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum DreamSource {
+    /// A person.
+    User,
+    /// A stand-in for one.
+    Simulated,
+}
+
+/// Why a query was asked.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Choice {
+    /// By chance, every pair of segments being as likely as any other: the paper's way.
+    #[default]
+    Uniform,
+    /// The members of the ensemble disagree about it.
+    Disagreement,
+    /// One of its segments lies near a step that the driver marked as unsafe.
+    SafetyBoundary,
+    /// To see whether the annotator answers as before, perhaps with the sides changed over.
+    Again(QueryId),
+}
+
+/// What an annotator said, and how.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Answer {
+    /// To which query.
+    pub query: QueryId,
+    /// What was said, of the query's own left and right.
+    pub response: Response,
+    /// Seconds from showing the clips to the answer.
+    pub secs: f32,
+    /// How often the clips were seen to their end.
+    pub loops: u32,
+    /// Who answered.
+    pub annotator: String,
+    /// Whether the query's left segment was shown on the right; the response is already turned back.
+    pub sides_swapped: bool,
+    /// The step of the left segment from which it is unsafe, where the annotator pointed at one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub left_unsafe_from: Option<usize>,
+    /// The same of the right segment.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub right_unsafe_from: Option<usize>,
+}
+
+impl Answer {
+    /// An answer to `query` by `annotator` with nothing else said.
+    pub fn new(query: QueryId, response: Response, secs: f32, annotator: &str) -> Self {
+        let annotator = annotator.to_owned();
+        let (left_unsafe_from, right_unsafe_from) = (None, None);
+        Self {
+            query,
+            response,
+            secs,
+            loops: 0,
+            annotator,
+            sides_swapped: false,
+            left_unsafe_from,
+            right_unsafe_from,
+        }
+    }
+}
+
+/// How a reward was learned, so that it can be learned again.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Fit {
+    /// How many lines of the log had been written: its labels are those of the session up to there.
+    pub after: u64,
+    /// How many labels those are.
+    pub n_labels: usize,
+    /// The seed of its initialization and its batches.
+    pub seed: u64,
+    /// How often it went through the labels.
+    pub epochs: u32,
+    /// The last loss of each member of the ensemble.
+    pub losses: Vec<f32>,
+    /// The loss on labels that were held out, where some were.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub held_out: Option<f32>,
+}
+
+/// A line of the log.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Entry {
+    /// What happened.
+    #[serde(flatten)]
+    pub event: Event,
+    /// How many lines come before it.
+    pub seq: u64,
+    /// When, in milliseconds since 1970.
+    pub at: u64,
+}
+
+/// Why a line is no [`Entry`].
+#[derive(Debug, thiserror::Error)]
+pub(crate) enum LineError {
+    /// It is not even JSON: perhaps half a line.
+    #[error("it is not JSON ({0})")]
+    Torn(serde_json::Error),
+    /// It is something else.
+    #[error("{0}")]
+    Other(String),
+}
+
+impl Entry {
+    /// The line, without its end.
+    pub fn to_line(&self) -> String {
+        serde_json::to_string(self).unwrap_or_else(|e| unreachable!("plain data: {e}"))
+    }
+
+    /// The entry in `line`, which must contain nothing else.
+    pub(crate) fn from_line(line: &[u8]) -> Result<Self, LineError> {
+        let mut fields: serde_json::Value = serde_json::from_slice(line).map_err(LineError::Torn)?;
+        let mut number = |name: &str| {
+            let taken = fields.as_object_mut().and_then(|fields| fields.remove(name));
+            let number = taken.as_ref().and_then(serde_json::Value::as_u64);
+            number.ok_or_else(|| LineError::Other(format!("it has no number {name:?}")))
+        };
+        let (seq, at) = (number("seq")?, number("at")?);
+        let event = serde_json::from_value(fields).map_err(|e| LineError::Other(e.to_string()))?;
+        Ok(Self { event, seq, at })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::query::{Justification, Preference, SafetyAnswer, SkipReason};
+
+    fn one_of_each() -> Vec<Event> {
+        let query = QueryId(1);
+        let segment = |dream, start| SegmentRef { dream: DreamId(dream), start };
+        let kept = KeptDream {
+            dream: DreamId(0),
+            len: 640,
+            seed: u64::MAX,
+            marks: vec![412, 413],
+            source: DreamSource::User,
+            file: "dreams/0000.safetensors".to_owned(),
+            sha256: "sha256:00".to_owned(),
+        };
+        let asked = |choice| Event::Asked { query, left: segment(0, 412), right: segment(3, 77), choice };
+        let answered =
+            |response| Event::Answered(Answer { loops: 1, ..Answer::new(query, response, 4.2, "anna") });
+        let pointed = Answer {
+            left_unsafe_from: Some(9),
+            sides_swapped: true,
+            ..Answer::new(query, Response::Safety(SafetyAnswer::OnlyRight), 3.0, "anonymous")
+        };
+        let fit =
+            Fit { after: 9, n_labels: 4, seed: 7, epochs: 100, losses: vec![0.5, 0.25], held_out: None };
+        vec![
+            Event::DreamKept(kept),
+            asked(Choice::Uniform),
+            asked(Choice::Again(QueryId(0))),
+            answered(Response::Safety(SafetyAnswer::Both(Preference::Right))),
+            answered(Response::Preferred(Preference::Left)),
+            answered(Response::Justified(Justification(0), Preference::Equal)),
+            answered(Response::Skipped(Some(SkipReason::Hallucinated))),
+            Event::Answered(pointed),
+            Event::Retracted { query },
+            Event::Restored { query },
+            Event::Flagged { query },
+            Event::Unflagged { query },
+            Event::WeightsChanged { weights: Weights { default: 0.7, ..Weights::car_racing() } },
+            Event::Fitted { fit, file: "reward/0000.safetensors".to_owned(), sha256: "sha256:00".to_owned() },
+        ]
+    }
+
+    fn lines() -> Vec<String> {
+        let entry = |(seq, event)| Entry { event, seq: seq as u64, at: 1_795_342_500_000 };
+        one_of_each().into_iter().enumerate().map(entry).map(|entry| entry.to_line()).collect()
+    }
+
+    #[test]
+    fn the_lines_of_the_log_look_as_they_always_did() {
+        insta::assert_snapshot!(lines().join("\n"), @r#"
+        {"event":"dream_kept","dream":0,"len":640,"seed":18446744073709551615,"marks":[412,413],"source":"user","file":"dreams/0000.safetensors","sha256":"sha256:00","seq":0,"at":1795342500000}
+        {"event":"asked","query":1,"left":{"dream":0,"start":412},"right":{"dream":3,"start":77},"choice":"uniform","seq":1,"at":1795342500000}
+        {"event":"asked","query":1,"left":{"dream":0,"start":412},"right":{"dream":3,"start":77},"choice":{"again":0},"seq":2,"at":1795342500000}
+        {"event":"answered","query":1,"response":{"safety":{"both":"right"}},"secs":4.2,"loops":1,"annotator":"anna","sides_swapped":false,"seq":3,"at":1795342500000}
+        {"event":"answered","query":1,"response":{"preferred":"left"},"secs":4.2,"loops":1,"annotator":"anna","sides_swapped":false,"seq":4,"at":1795342500000}
+        {"event":"answered","query":1,"response":{"justified":[0,"equal"]},"secs":4.2,"loops":1,"annotator":"anna","sides_swapped":false,"seq":5,"at":1795342500000}
+        {"event":"answered","query":1,"response":{"skipped":"hallucinated"},"secs":4.2,"loops":1,"annotator":"anna","sides_swapped":false,"seq":6,"at":1795342500000}
+        {"event":"answered","query":1,"response":{"safety":"only_right"},"secs":3.0,"loops":0,"annotator":"anonymous","sides_swapped":true,"left_unsafe_from":9,"seq":7,"at":1795342500000}
+        {"event":"retracted","query":1,"seq":8,"at":1795342500000}
+        {"event":"restored","query":1,"seq":9,"at":1795342500000}
+        {"event":"flagged","query":1,"seq":10,"at":1795342500000}
+        {"event":"unflagged","query":1,"seq":11,"at":1795342500000}
+        {"event":"weights_changed","weights":{"safety":1.0,"default":0.7,"justifications":[["grass",1.0],["default",0.75]]},"seq":12,"at":1795342500000}
+        {"event":"fitted","fit":{"after":9,"n_labels":4,"seed":7,"epochs":100,"losses":[0.5,0.25]},"file":"reward/0000.safetensors","sha256":"sha256:00","seq":13,"at":1795342500000}
+        "#);
+    }
+
+    #[test]
+    fn every_event_survives_the_way_to_a_line_and_back() {
+        let read: Vec<Event> =
+            lines().iter().map(|line| Entry::from_line(line.as_bytes()).unwrap().event).collect();
+        assert_eq!(read, one_of_each());
+    }
+
+    #[test]
+    fn fields_that_nobody_knows_are_refused_by_name() {
+        for line in [
+            r#"{"event":"retracted","query":1,"sure":true,"seq":0,"at":0}"#,
+            r#"{"event":"answered","query":0,"response":{"preferred":"left"},"secs":1,"loops":0,"annotator":"a","sides_swapped":false,"sure":1,"seq":0,"at":0}"#,
+        ] {
+            let refused = Entry::from_line(line.as_bytes()).unwrap_err().to_string();
+            assert!(refused.contains("`sure`"), "{refused}");
+        }
+    }
+}

@@ -1,0 +1,97 @@
+//! Answers as a table for other programs.
+
+use std::fmt::Write as _;
+
+use crate::query::{Preference, Query, Response, SafetyAnswer, SkipReason, Weights};
+use crate::session::event::Choice;
+use crate::session::{Given, Session};
+
+/// The answers that count, skips among them, in the order of answering: what was said, and μ by the present weights.
+///
+/// One line of names, then one line an answer; commas between, quotes where needed (RFC 4180).
+pub fn labels_csv(session: &Session) -> String {
+    let mut csv = String::from(
+        "query,left_dream,left_start,right_dream,right_start,choice,skipped,left_safe,right_safe,justification,\
+         preference,mu,secs,loops,annotator,sides_swapped,left_unsafe_from,right_unsafe_from,at\n",
+    );
+    for given in session.answers() {
+        if let Some(asked) = session.query(given.answer.query) {
+            write_row(&mut csv, asked.query, asked.choice, given, session.weights());
+        }
+    }
+    csv
+}
+
+fn write_row(csv: &mut String, query: Query, choice: Choice, given: &Given, weights: &Weights) {
+    let Given { answer, at, .. } = given;
+    let choice = match choice {
+        Choice::Uniform => "uniform".to_owned(),
+        Choice::Disagreement => "disagreement".to_owned(),
+        Choice::SafetyBoundary => "safety_boundary".to_owned(),
+        Choice::Again(of) => format!("again {}", of.0),
+    };
+    let mu = weights.label(&answer.response).map(|label| label.mu().to_string()).unwrap_or_default();
+    let step = |step: Option<usize>| step.map(|step| step.to_string()).unwrap_or_default();
+    let fields = [
+        query.id.0.to_string(),
+        query.left.dream.0.to_string(),
+        query.left.start.to_string(),
+        query.right.dream.0.to_string(),
+        query.right.start.to_string(),
+        choice,
+    ];
+    let said = said(answer.response, weights);
+    let how = [
+        mu,
+        answer.secs.to_string(),
+        answer.loops.to_string(),
+        quoted(&answer.annotator),
+        answer.sides_swapped.to_string(),
+        step(answer.left_unsafe_from),
+        step(answer.right_unsafe_from),
+        at.to_string(),
+    ];
+    let row = [&fields[..], &said[..], &how[..]].concat().join(",");
+    writeln!(csv, "{row}").unwrap_or_else(|_| unreachable!("a string takes all"));
+}
+
+/// Skipped, left safe, right safe, justification, preference: empty where nothing was said of it.
+fn said(response: Response, weights: &Weights) -> [String; 5] {
+    let preferred = |preference: Preference| match preference {
+        Preference::Left => "left",
+        Preference::Equal => "equal",
+        Preference::Right => "right",
+    };
+    let name = |justification| {
+        let named = weights.justifications.iter().find(|(this, ..)| *this == justification);
+        quoted(named.map_or("", |(_, name, _)| name))
+    };
+    let said = match response {
+        Response::Skipped(reason) => {
+            let reason = match reason {
+                None => "yes",
+                Some(SkipReason::Hallucinated) => "hallucinated",
+                Some(SkipReason::Ambiguous) => "ambiguous",
+                Some(SkipReason::Other) => "other",
+            };
+            [reason, "", "", "", ""]
+        }
+        Response::Preferred(preference) => ["", "", "", "", preferred(preference)],
+        Response::Safety(SafetyAnswer::OnlyLeft) => ["", "true", "false", "", ""],
+        Response::Safety(SafetyAnswer::OnlyRight) => ["", "false", "true", "", ""],
+        Response::Safety(SafetyAnswer::Neither) => ["", "false", "false", "", ""],
+        Response::Safety(SafetyAnswer::Both(preference)) => ["", "true", "true", "", preferred(preference)],
+        Response::Justified(justification, preference) => {
+            return ["", "", "", &name(justification), preferred(preference)].map(str::to_owned);
+        }
+    };
+    said.map(str::to_owned)
+}
+
+fn quoted(text: &str) -> String {
+    if text.contains([',', '"', '\n', '\r']) {
+        format!("\"{}\"", text.replace('"', "\"\""))
+    } else {
+        text.to_owned()
+    }
+}

@@ -1,0 +1,173 @@
+//! What a session is before anything happens in it: `session.json`.
+
+use std::path::Path;
+
+use serde::{Deserialize, Serialize};
+
+use crate::query::{Protocol, Weights};
+use crate::session::check::check_weights;
+use crate::session::error::SessionError;
+use crate::session::{Session, arrays};
+
+/// The format of sessions that this program writes, and the only one that it reads.
+pub const FORMAT: u32 = 1;
+
+/// The name of its file in the session's folder.
+pub(crate) const FILE: &str = "session.json";
+
+/// The head of a session.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Header {
+    /// [`FORMAT`].
+    pub format: u32,
+    /// The version of the program that made the session.
+    pub app: String,
+    /// The environment, as on the command line.
+    pub env: String,
+    /// Which questions are asked.
+    pub protocol: Protocol,
+    /// What the session's generators are seeded from.
+    pub seed: u64,
+    /// The hash of the world model: everything in the session was dreamed with it.
+    pub world_model: String,
+    /// Where the world model was, from the session's folder, if the folder holds no copy.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub world_model_path: Option<String>,
+    /// When it was made, in milliseconds since 1970.
+    pub created_at: u64,
+    /// What can be chosen.
+    pub config: Config,
+}
+
+/// What a researcher chooses for a session.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Config {
+    /// How much answers weigh, until the log says otherwise.
+    pub weights: Weights,
+    /// Who answers, until somebody gives a name.
+    #[serde(default = "anonymous")]
+    pub annotator: String,
+}
+
+fn anonymous() -> String {
+    "anonymous".to_owned()
+}
+
+impl Header {
+    /// A session of this program, made `created_at` milliseconds after the start of 1970, with the paper's weights.
+    pub fn new(env: &str, protocol: Protocol, seed: u64, world_model: &str, created_at: u64) -> Self {
+        Self {
+            format: FORMAT,
+            app: env!("CARGO_PKG_VERSION").to_owned(),
+            env: env.to_owned(),
+            protocol,
+            seed,
+            world_model: world_model.to_owned(),
+            world_model_path: None,
+            created_at,
+            config: Config { weights: Weights::car_racing(), annotator: anonymous() },
+        }
+    }
+
+    /// The session at its beginning.
+    pub fn session(&self) -> Session {
+        Session::new(self.protocol, self.config.weights.clone())
+    }
+
+    /// The name of its folder: the time of its making (UTC) and the protocol.
+    ///
+    /// ```
+    /// use dropj::query::Protocol;
+    /// use dropj::session::Header;
+    ///
+    /// let header = Header::new("car-racing", Protocol::Dropj, 7, "sha256:…", 1_795_342_500_000);
+    /// assert_eq!(header.folder_name(), "2026-11-22T10-15-00-dropj");
+    /// ```
+    pub fn folder_name(&self) -> String {
+        let protocol = match self.protocol {
+            Protocol::Drop => "drop",
+            Protocol::Drope => "drope",
+            Protocol::Dropj => "dropj",
+            Protocol::DropjMulti => "dropj-multi",
+        };
+        let secs = self.created_at / 1000;
+        let (year, month, day) = civil(secs / 86_400);
+        let (hour, minute, second) = (secs / 3600 % 24, secs / 60 % 60, secs % 60);
+        format!("{year:04}-{month:02}-{day:02}T{hour:02}-{minute:02}-{second:02}-{protocol}")
+    }
+
+    /// The head of the session in `dir`.
+    pub fn read(dir: &Path) -> Result<Self, SessionError> {
+        let path = dir.join(FILE);
+        let wrong = |met| SessionError::Header { met, path: path.clone() };
+        let bytes = std::fs::read(&path).map_err(SessionError::disk("read the session's header", &path))?;
+        let value: serde_json::Value = serde_json::from_slice(&bytes).map_err(|e| wrong(e.to_string()))?;
+        // Before anything else: another format may have other fields.
+        match value.get("format").and_then(serde_json::Value::as_u64) {
+            Some(found) if found == u64::from(FORMAT) => {}
+            Some(found) => return Err(SessionError::Format { found, known: FORMAT, path }),
+            None => return Err(wrong("it has no number \"format\"".to_owned())),
+        }
+        let header: Self = serde_json::from_value(value).map_err(|e| wrong(e.to_string()))?;
+        check_weights(&header.config.weights).map_err(|e| wrong(e.to_string()))?;
+        Ok(header)
+    }
+
+    pub(super) fn write(&self, dir: &Path) -> Result<(), SessionError> {
+        check_weights(&self.config.weights)?;
+        let mut text = serde_json::to_string_pretty(self).unwrap_or_else(|e| unreachable!("plain data: {e}"));
+        text.push('\n');
+        arrays::write_whole(&dir.join(FILE), text.as_bytes(), "write the session's header")
+    }
+}
+
+/// Year, month and day of the Gregorian calendar, `days` after the first of January 1970.
+///
+/// The way of Howard Hinnant's `civil_from_days`: years that begin in March have their odd day at the end.
+fn civil(days: u64) -> (u64, u64, u64) {
+    let days = days + 719_468; // since the first of March of the year 0
+    let (era, day_of_era) = (days / 146_097, days % 146_097);
+    let year_of_era = (day_of_era - day_of_era / 1460 + day_of_era / 36_524 - day_of_era / 146_096) / 365;
+    let day_of_year = day_of_era - (365 * year_of_era + year_of_era / 4 - year_of_era / 100);
+    let month_from_march = (5 * day_of_year + 2) / 153;
+    let day = day_of_year - (153 * month_from_march + 2) / 5 + 1;
+    let month = if month_from_march < 10 { month_from_march + 3 } else { month_from_march - 9 };
+    (400 * era + year_of_era + u64::from(month <= 2), month, day)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn days_become_dates() {
+        assert_eq!(civil(0), (1970, 1, 1));
+        assert_eq!(civil(11_016), (2000, 2, 29));
+        assert_eq!(civil(20_779), (2026, 11, 22));
+        assert_eq!(civil(20_818), (2026, 12, 31));
+        assert_eq!(civil(20_819), (2027, 1, 1));
+    }
+
+    #[test]
+    fn the_header_looks_as_it_always_did() {
+        let header = Header::new("car-racing", Protocol::Dropj, 7, "sha256:00", 0);
+        let text = serde_json::to_string(&Header { app: "0.1.0".to_owned(), ..header }).unwrap();
+        insta::assert_snapshot!(text, @r#"{"format":1,"app":"0.1.0","env":"car-racing","protocol":"dropj","seed":7,"world_model":"sha256:00","created_at":0,"config":{"weights":{"safety":1.0,"default":0.75,"justifications":[["grass",1.0],["default",0.75]]},"annotator":"anonymous"}}"#);
+    }
+
+    #[test]
+    fn another_format_is_named_before_its_fields() {
+        let dir = tempfile::tempdir().unwrap();
+        std::fs::write(dir.path().join(FILE), r#"{"format": 2, "dreamer": "me"}"#).unwrap();
+        let refused = Header::read(dir.path()).unwrap_err().to_string();
+        assert!(
+            refused.starts_with("this is a session of format 2, and this program reads format 1"),
+            "{refused}"
+        );
+        std::fs::write(dir.path().join(FILE), r#"{"format": 1, "dreamer": "me"}"#).unwrap();
+        let refused = Header::read(dir.path()).unwrap_err().to_string();
+        assert!(refused.contains("unknown field `dreamer`"), "{refused}");
+    }
+}

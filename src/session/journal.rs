@@ -1,0 +1,240 @@
+//! A dream on its way to disk while it is driven, so that a killed program loses nothing.
+
+use std::fs::{File, TryLockError};
+use std::io::Write as _;
+use std::path::{Path, PathBuf};
+
+use crate::dream::DreamEpisode;
+use crate::env::Action;
+use crate::session::error::SessionError;
+use crate::session::event::DreamSource;
+use crate::world_model::LatentState;
+
+/// What every journal begins with.
+const MAGIC: &[u8; 16] = b"dropj dream 1\n\0\0";
+/// What a step begins with; never 0, which is what a crash of the whole machine can leave.
+const STEP: u8 = 1;
+/// What a mark begins with.
+const MARK: u8 = 2;
+
+/// The journal of a dream that is being driven: a few kilobytes a second.
+///
+/// Each step is with the system once [`Self::follow`] returns, so it outlives the program; it is forced to the disk
+/// itself only when the dream is kept, since a step that waited for the disk would be late.
+#[derive(Debug)]
+pub struct DreamJournal {
+    file: File,
+    path: PathBuf,
+    n_steps: usize,
+    n_marks: usize,
+}
+
+impl DreamJournal {
+    /// A journal in `folder` under the first free name, for a dream that has not begun.
+    pub(super) fn create(
+        folder: &Path,
+        episode: &DreamEpisode,
+        source: DreamSource,
+    ) -> Result<Self, SessionError> {
+        let tried = "make the journal of a dream";
+        std::fs::create_dir_all(folder).map_err(SessionError::disk(tried, folder))?;
+        let mut number = 0;
+        let (file, path) = loop {
+            let path = folder.join(format!("journal-{number:04}.partial"));
+            match File::options().write(true).create_new(true).open(&path) {
+                Ok(file) => break (file, path),
+                Err(e) if e.kind() == std::io::ErrorKind::AlreadyExists => number += 1,
+                Err(e) => return Err(SessionError::disk(tried, &path)(e)),
+            }
+        };
+        // Tells a journal that is being written from one that was left behind.
+        file.try_lock().ok();
+        let mut journal = Self { file, path, n_steps: 0, n_marks: 0 };
+        let LatentState { z, c, h } = &episode.start;
+        let mut bytes = MAGIC.to_vec();
+        bytes.extend_from_slice(&(z.len() as u32).to_le_bytes());
+        bytes.extend_from_slice(&(c.len() as u32).to_le_bytes());
+        bytes.extend_from_slice(&episode.seed.to_le_bytes());
+        bytes.push(u8::from(source == DreamSource::Simulated));
+        bytes.extend([z, c, h].into_iter().flatten().flat_map(|v| v.to_le_bytes()));
+        journal.file.write_all(&bytes).map_err(SessionError::disk(tried, &journal.path))?;
+        journal.follow(episode)?;
+        Ok(journal)
+    }
+
+    /// Writes down what `episode` has gained since the last time.
+    pub fn follow(&mut self, episode: &DreamEpisode) -> Result<(), SessionError> {
+        let mut bytes = Vec::new();
+        for t in self.n_steps..episode.len() {
+            bytes.push(STEP);
+            let numbers = episode.zs.row(t).iter().copied().chain(episode.actions[t].to_array());
+            bytes.extend(numbers.flat_map(f32::to_le_bytes));
+        }
+        for &mark in &episode.unsafe_marks[self.n_marks.min(episode.unsafe_marks.len())..] {
+            bytes.push(MARK);
+            bytes.extend_from_slice(&(mark as u32).to_le_bytes());
+        }
+        let tried = "write to the journal of a dream";
+        self.file.write_all(&bytes).map_err(SessionError::disk(tried, &self.path))?;
+        (self.n_steps, self.n_marks) = (episode.len(), episode.unsafe_marks.len());
+        Ok(())
+    }
+
+    /// Removes the journal, once its dream is kept or thrown away.
+    pub fn discard(self) -> Result<(), SessionError> {
+        drop(self.file);
+        std::fs::remove_file(&self.path)
+            .map_err(SessionError::disk("remove the journal of a dream", &self.path))
+    }
+}
+
+/// A dream whose program ended before it did.
+#[derive(Clone, Debug, PartialEq)]
+pub struct UnfinishedDream {
+    /// As far as it was driven.
+    pub episode: DreamEpisode,
+    /// Who drove.
+    pub source: DreamSource,
+    /// Its journal.
+    pub(super) path: PathBuf,
+}
+
+impl UnfinishedDream {
+    /// Removes its journal.
+    pub fn discard(self) -> Result<(), SessionError> {
+        std::fs::remove_file(&self.path)
+            .map_err(SessionError::disk("remove the journal of a dream", &self.path))
+    }
+}
+
+/// The journals that were left in `folder`, in the order of their names.
+///
+/// Those that nobody can continue, because not a single step was written, are removed.
+pub(super) fn unfinished(folder: &Path) -> Result<Vec<UnfinishedDream>, SessionError> {
+    let tried = "look for unfinished dreams";
+    let listing = match std::fs::read_dir(folder) {
+        Err(e) if e.kind() == std::io::ErrorKind::NotFound => return Ok(Vec::new()),
+        listing => listing.map_err(SessionError::disk(tried, folder))?,
+    };
+    let is_journal = |path: &PathBuf| {
+        let name = path.file_name().and_then(|name| name.to_str());
+        name.is_some_and(|name| name.starts_with("journal-") && name.ends_with(".partial"))
+    };
+    let mut paths: Vec<_> = listing.filter_map(|item| Some(item.ok()?.path())).filter(is_journal).collect();
+    paths.sort();
+    let mut found = Vec::new();
+    for path in paths {
+        let file = File::open(&path).map_err(SessionError::disk(tried, &path))?;
+        if matches!(file.try_lock(), Err(TryLockError::WouldBlock)) {
+            continue;
+        }
+        drop(file);
+        let bytes = std::fs::read(&path).map_err(SessionError::disk(tried, &path))?;
+        match parse(&bytes) {
+            Some((episode, source)) if !episode.is_empty() => {
+                found.push(UnfinishedDream { episode, source, path });
+            }
+            _ if bytes.starts_with(MAGIC) || bytes.len() < MAGIC.len() => {
+                std::fs::remove_file(&path).map_err(SessionError::disk("remove an empty journal", &path))?;
+            }
+            _ => ::log::warn!("this is not the journal of a dream: {}", path.display()),
+        }
+    }
+    Ok(found)
+}
+
+/// The dream in a journal up to the last whole step, unless its beginning is missing.
+fn parse(bytes: &[u8]) -> Option<(DreamEpisode, DreamSource)> {
+    let rest = &mut bytes.strip_prefix(MAGIC)?;
+    let n_z = u32::from_le_bytes(take(rest)?) as usize;
+    let n_memory = u32::from_le_bytes(take(rest)?) as usize;
+    let seed = u64::from_le_bytes(take(rest)?);
+    let [source] = take(rest)?;
+    let source = if source == 0 { DreamSource::User } else { DreamSource::Simulated };
+    let (z, c, h) = (take_floats(rest, n_z)?, take_floats(rest, n_memory)?, take_floats(rest, n_memory)?);
+    let mut episode = DreamEpisode::new(LatentState { z, c, h }, seed);
+    while let Some([kind]) = take(rest) {
+        match kind {
+            STEP => {
+                let Some(numbers) = take_floats(rest, n_z + Action::LEN) else { break };
+                let (z, action) = numbers.split_at(n_z);
+                episode.zs.push(z);
+                episode.actions.push(Action::new(action[0], action[1], action[2]));
+            }
+            MARK => {
+                let Some(mark) = take(rest) else { break };
+                episode.unsafe_marks.push(u32::from_le_bytes(mark) as usize);
+            }
+            _ => break,
+        }
+    }
+    Some((episode, source))
+}
+
+fn take<const N: usize>(rest: &mut &[u8]) -> Option<[u8; N]> {
+    let (taken, left) = rest.split_first_chunk::<N>()?;
+    *rest = left;
+    Some(*taken)
+}
+
+fn take_floats(rest: &mut &[u8], n: usize) -> Option<Vec<f32>> {
+    let (taken, left) = rest.split_at_checked(n.checked_mul(4)?)?;
+    *rest = left;
+    Some(taken.as_chunks::<4>().0.iter().map(|bytes| f32::from_le_bytes(*bytes)).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::session::arrays::formula_dream;
+
+    fn first_steps(whole: &DreamEpisode, n: usize) -> DreamEpisode {
+        let mut part = DreamEpisode::new(whole.start.clone(), whole.seed);
+        (0..n).for_each(|t| part.zs.push(whole.zs.row(t)));
+        part.actions = whole.actions[..n].to_vec();
+        part.unsafe_marks = whole.unsafe_marks.iter().copied().filter(|mark| *mark < n).collect();
+        part
+    }
+
+    #[test]
+    fn a_journal_that_is_cut_anywhere_holds_every_whole_step_before_the_cut() {
+        let dir = tempfile::tempdir().unwrap();
+        let dream = formula_dream(9, 4);
+        let mut journal =
+            DreamJournal::create(dir.path(), &first_steps(&dream, 0), DreamSource::Simulated).unwrap();
+        for n in 1..=9 {
+            journal.follow(&first_steps(&dream, n)).unwrap();
+        }
+        let bytes = std::fs::read(&journal.path).unwrap();
+        assert_eq!(parse(&bytes), Some((dream.clone(), DreamSource::Simulated)));
+        let head = MAGIC.len() + 17 + 4 * (4 + 16 + 16);
+        for len in 0..bytes.len() {
+            let Some((part, _)) = parse(&bytes[..len]) else {
+                assert!(len < head, "the beginning is there at {len}");
+                continue;
+            };
+            let n = part.len();
+            assert_eq!(part.zs, first_steps(&dream, n).zs);
+            // Two marks of five bytes, at steps 0 and 7.
+            assert!(n >= (len - head).saturating_sub(10) / 29, "{n} steps of {len} bytes");
+        }
+    }
+
+    #[test]
+    fn only_journals_that_nobody_writes_are_unfinished() {
+        let dir = tempfile::tempdir().unwrap();
+        let dream = formula_dream(30, 2);
+        let journal = DreamJournal::create(dir.path(), &dream, DreamSource::User).unwrap();
+        DreamJournal::create(dir.path(), &first_steps(&dream, 0), DreamSource::User).unwrap();
+        assert_eq!(unfinished(dir.path()).unwrap(), []);
+        let path = journal.path.clone();
+        assert!(!dir.path().join("journal-0001.partial").exists(), "no step was lost with it");
+        drop(journal);
+        assert_eq!(
+            unfinished(dir.path()).unwrap(),
+            [UnfinishedDream { episode: dream, source: DreamSource::User, path: path.clone() }]
+        );
+        unfinished(dir.path()).unwrap().remove(0).discard().unwrap();
+        assert!(!path.exists(), "discarding removes the journal");
+    }
+}

@@ -1,0 +1,268 @@
+//! The log of a session on disk: one event a line, appended and never edited.
+
+use std::fs::{File, TryLockError};
+use std::io::{Read as _, Seek as _, SeekFrom, Write as _};
+use std::path::{Path, PathBuf};
+
+use crate::session::error::SessionError;
+use crate::session::event::{Entry, Event, LineError};
+
+/// What a log holds.
+#[derive(Debug, Default, PartialEq)]
+pub struct Contents {
+    /// Its lines.
+    pub entries: Vec<Entry>,
+    /// What stands behind the last line without being one: a write that was cut short, never acknowledged.
+    pub torn: Option<String>,
+    /// How many bytes the lines have.
+    len: u64,
+    /// Whether the end of the last line is missing.
+    unended: bool,
+}
+
+/// Reads the log at `path` and changes nothing.
+pub fn read(path: &Path) -> Result<Contents, SessionError> {
+    let bytes = std::fs::read(path).map_err(SessionError::disk("read the session log", path))?;
+    parse(&bytes, path)
+}
+
+fn parse(bytes: &[u8], path: &Path) -> Result<Contents, SessionError> {
+    let mut contents = Contents::default();
+    for (i, line) in bytes.split_inclusive(|&byte| byte == b'\n').enumerate() {
+        let wrong = |met| SessionError::Line { line: i + 1, met, path: path.to_owned() };
+        let is_last = contents.len as usize + line.len() == bytes.len();
+        let entry = match Entry::from_line(line) {
+            Ok(entry) => entry,
+            Err(LineError::Torn(_)) if is_last => {
+                contents.torn = Some(String::from_utf8_lossy(line).into_owned());
+                break;
+            }
+            Err(e) => return Err(wrong(e.to_string())),
+        };
+        if entry.seq != i as u64 {
+            return Err(wrong(format!("it has the number {} where {i} is next", entry.seq)));
+        }
+        contents.entries.push(entry);
+        contents.len += line.len() as u64;
+        contents.unended = !line.ends_with(b"\n");
+    }
+    Ok(contents)
+}
+
+/// A log that is open for writing, by nobody else.
+#[derive(Debug)]
+pub struct Log {
+    file: File,
+    path: PathBuf,
+    /// How many lines are safely on disk, and how many bytes they have.
+    n_lines: u64,
+    len: u64,
+    /// Whether something may stand behind them that must go before the next line is written.
+    is_dirty: bool,
+}
+
+impl Log {
+    /// A new log at `path`, where there must be none.
+    pub fn create(path: &Path) -> Result<Self, SessionError> {
+        let file = File::options().read(true).write(true).create_new(true).open(path);
+        let file = file.map_err(SessionError::disk("make the session log", path))?;
+        lock(&file, path)?;
+        Ok(Self { file, path: path.to_owned(), n_lines: 0, len: 0, is_dirty: false })
+    }
+
+    /// The log at `path` and what it holds; a torn end is cut off.
+    pub fn open(path: &Path) -> Result<(Self, Contents), SessionError> {
+        // Not opened in append mode: on Windows such a file cannot be cut.
+        let file = File::options().read(true).write(true).open(path);
+        let mut file = file.map_err(SessionError::disk("open the session log", path))?;
+        lock(&file, path)?;
+        let mut bytes = Vec::new();
+        file.read_to_end(&mut bytes).map_err(SessionError::disk("read the session log", path))?;
+        let contents = parse(&bytes, path)?;
+        let n_lines = contents.entries.len() as u64;
+        let is_dirty = contents.torn.is_some();
+        let mut log = Self { file, path: path.to_owned(), n_lines, len: contents.len, is_dirty };
+        log.clean().map_err(SessionError::disk("cut a torn line off the session log", path))?;
+        if let Some(torn) = &contents.torn {
+            log::warn!("the last line was cut short and is dropped: {torn:?}: {}", path.display());
+        }
+        if contents.unended {
+            log.write(b"\n").map_err(SessionError::disk("end the last line of the session log", path))?;
+        }
+        Ok((log, contents))
+    }
+
+    /// Appends `event`; when this returns it is on disk, or the log is as it was.
+    pub fn append(&mut self, event: Event, at: u64) -> Result<Entry, SessionError> {
+        let entry = Entry { event, seq: self.n_lines, at };
+        let line = entry.to_line() + "\n";
+        self.write(line.as_bytes()).map_err(SessionError::disk("write to the session log", &self.path))?;
+        self.n_lines += 1;
+        Ok(entry)
+    }
+
+    fn write(&mut self, bytes: &[u8]) -> std::io::Result<()> {
+        self.clean()?;
+        let written = self.file.seek(SeekFrom::Start(self.len)).and_then(|_| self.file.write_all(bytes));
+        if let Err(e) = written.and_then(|()| self.file.sync_data()) {
+            self.is_dirty = true;
+            // Where this fails too, it is tried again before the next line and at the next start.
+            self.clean().ok();
+            return Err(e);
+        }
+        self.len += bytes.len() as u64;
+        Ok(())
+    }
+
+    fn clean(&mut self) -> std::io::Result<()> {
+        if self.is_dirty {
+            self.file.set_len(self.len)?;
+            self.file.sync_data()?;
+            self.is_dirty = false;
+        }
+        Ok(())
+    }
+
+    /// How many lines it has.
+    pub fn n_lines(&self) -> u64 {
+        self.n_lines
+    }
+}
+
+/// Keeps other programs from writing; the system lifts this when the program ends, however it ends.
+fn lock(file: &File, path: &Path) -> Result<(), SessionError> {
+    match file.try_lock() {
+        Ok(()) => Ok(()),
+        Err(TryLockError::WouldBlock) => Err(SessionError::InUse { path: path.to_owned() }),
+        Err(TryLockError::Error(e)) => {
+            log::warn!("cannot keep other programs from writing a session: {e}: {}", path.display());
+            Ok(())
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+    use crate::query::{DreamId, Preference, QueryId, Response, SafetyAnswer, SegmentRef, SkipReason};
+    use crate::session::event::{Answer, Choice, Fit};
+
+    fn any_event() -> impl Strategy<Value = Event> {
+        let query = || any::<u32>().prop_map(QueryId);
+        let segment = || {
+            (any::<u32>(), 0usize..1 << 40)
+                .prop_map(|(dream, start)| SegmentRef { dream: DreamId(dream), start })
+        };
+        let response = prop_oneof![
+            Just(Response::Skipped(None)),
+            Just(Response::Skipped(Some(SkipReason::Ambiguous))),
+            Just(Response::Preferred(Preference::Left)),
+            Just(Response::Safety(SafetyAnswer::Neither)),
+            Just(Response::Safety(SafetyAnswer::Both(Preference::Equal))),
+        ];
+        let answer = (query(), response, 0.0f32..1e6, any::<String>(), proptest::option::of(0usize..20));
+        let fit = (any::<u64>(), any::<u64>(), prop::collection::vec(0.0f32..1e9, 0..4));
+        prop_oneof![
+            (query(), segment(), segment()).prop_map(|(query, left, right)| {
+                Event::Asked { query, left, right, choice: Choice::Again(query) }
+            }),
+            answer.prop_map(|(query, response, secs, annotator, left_unsafe_from)| {
+                Event::Answered(Answer { left_unsafe_from, ..Answer::new(query, response, secs, &annotator) })
+            }),
+            query().prop_map(|query| Event::Retracted { query }),
+            fit.prop_map(|(after, seed, losses)| Event::Fitted {
+                fit: Fit { after, n_labels: 1, seed, epochs: 2, losses, held_out: Some(0.1) },
+                file: "reward/0000.safetensors".to_owned(),
+                sha256: String::new(),
+            }),
+        ]
+    }
+
+    proptest! {
+        #[test]
+        fn what_is_appended_is_what_is_read(events in prop::collection::vec((any_event(), any::<u64>()), 0..12)) {
+            let mut bytes = Vec::new();
+            let mut entries = Vec::new();
+            for (i, (event, at)) in events.into_iter().enumerate() {
+                let entry = Entry { event, seq: i as u64, at };
+                bytes.extend_from_slice((entry.to_line() + "\n").as_bytes());
+                entries.push(entry);
+            }
+            prop_assert_eq!(parse(&bytes, Path::new("log")).unwrap().entries, entries);
+        }
+    }
+
+    fn flagged(n: u32) -> Event {
+        Event::Flagged { query: QueryId(n) }
+    }
+
+    #[test]
+    fn cutting_the_last_line_anywhere_loses_at_most_that_line() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("events.jsonl");
+        let mut log = Log::create(&path).unwrap();
+        let first = log.append(flagged(0), 1).unwrap();
+        let kept = log.len as usize;
+        log.append(flagged(1), 2).unwrap();
+        drop(log);
+        let whole = std::fs::read(&path).unwrap();
+        for len in kept..=whole.len() {
+            std::fs::write(&path, &whole[..len]).unwrap();
+            let (mut log, contents) = Log::open(&path).unwrap();
+            assert_eq!(contents.entries[0], first);
+            let n = contents.entries.len();
+            // Without its end the line is whole.
+            assert_eq!(n, if len + 1 >= whole.len() { 2 } else { 1 }, "cut at {len}");
+            log.append(flagged(7), 3).unwrap();
+            drop(log);
+            let after = read(&path).unwrap();
+            assert_eq!((after.entries.len(), after.torn), (n + 1, None), "cut at {len}");
+        }
+    }
+
+    #[test]
+    fn a_bad_line_in_the_middle_is_named() {
+        let good = |seq| Entry { event: flagged(0), seq, at: 0 }.to_line();
+        let text = format!("{}\n{{\"event\":\"fla\n{}\n", good(0), good(2));
+        let refused = parse(text.as_bytes(), Path::new("log")).unwrap_err().to_string();
+        assert!(
+            refused.starts_with("line 2 of the session log is not an event: it is not JSON"),
+            "{refused}"
+        );
+        let refused = parse(format!("{}\n{}\n", good(0), good(2)).as_bytes(), Path::new("log")).unwrap_err();
+        assert!(refused.to_string().contains("it has the number 2 where 1 is next"), "{refused}");
+    }
+
+    #[test]
+    fn a_last_line_of_a_later_program_is_an_error_and_not_cut() {
+        let line = "{\"event\":\"sung\",\"seq\":0,\"at\":0}\n";
+        let refused = parse(line.as_bytes(), Path::new("log")).unwrap_err().to_string();
+        assert!(refused.contains("unknown variant `sung`"), "{refused}");
+    }
+
+    #[test]
+    fn two_writers_are_one_too_many() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("events.jsonl");
+        let first = Log::create(&path).unwrap();
+        assert!(matches!(Log::open(&path), Err(SessionError::InUse { .. })));
+        drop(first);
+        assert!(Log::open(&path).is_ok());
+    }
+
+    #[cfg(target_os = "linux")]
+    #[test]
+    fn a_full_disk_is_one_clear_error_and_no_line() {
+        let full = Path::new("/dev/full");
+        let file = File::options().write(true).open(full).unwrap();
+        let mut log = Log { file, path: full.to_owned(), n_lines: 3, len: 0, is_dirty: false };
+        let refused = log.append(flagged(0), 0).unwrap_err().to_string();
+        assert_eq!(
+            refused,
+            "cannot write to the session log: No space left on device (os error 28): \"/dev/full\""
+        );
+        assert_eq!(log.n_lines(), 3);
+    }
+}

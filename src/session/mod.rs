@@ -1,0 +1,262 @@
+//! What a person did, kept such that nothing is lost: events, their log, and the arrays and weights beside it.
+//!
+//! With `dataset` the only module that touches files; starts no thread.
+//! A session *is* its log: a [`Session`] is what folding the log gives, live and in a replay alike.
+//!
+//! ```text
+//! sessions/2026-11-22T10-15-00-dropj/
+//! ├── session.json                 Header: format, environment, protocol, seed, world model, weights, annotator
+//! ├── events.jsonl                 one Event a line, in order, never edited
+//! ├── dreams/0000.safetensors      start z c h · zs [T, Z] · actions [T, A] · unsafe marks
+//! ├── dreams/journal-0000.partial  a dream that is being driven, or was when the program was killed
+//! ├── reward/0000.safetensors      what a fit learned
+//! └── world_model.safetensors      or a path to it in session.json; its hash decides
+//! ```
+
+pub mod arrays;
+mod check;
+pub mod error;
+pub mod event;
+pub mod export;
+pub mod header;
+pub mod journal;
+pub mod log;
+pub mod replay;
+pub mod statistics;
+pub mod store;
+
+use std::collections::BTreeMap;
+
+use crate::query::{DreamId, Label, LabeledQuery, Protocol, Query, QueryId, Weights};
+
+pub use error::{Impossible, SessionError};
+pub use event::{Answer, Choice, DreamSource, Entry, Event, Fit, KeptDream};
+pub use header::{Config, FORMAT, Header};
+pub use journal::{DreamJournal, UnfinishedDream};
+pub use replay::{Replay, replay};
+pub use statistics::Statistics;
+pub use store::{Recent, SessionStore, recent};
+
+/// An answer and the line that tells of it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Given {
+    /// What was answered.
+    pub answer: Answer,
+    /// The number of the line.
+    pub seq: u64,
+    /// When, in milliseconds since 1970.
+    pub at: u64,
+}
+
+/// A query and what became of it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct AskedQuery {
+    /// What was shown.
+    pub query: Query,
+    /// Why this.
+    pub choice: Choice,
+    /// Whether it is marked for a second look.
+    pub is_flagged: bool,
+    /// Its answers, the last of which counts.
+    given: Vec<Given>,
+    /// Answers that were taken back, the last one last.
+    retracted: Vec<Given>,
+}
+
+impl AskedQuery {
+    /// The answer that counts.
+    pub fn answer(&self) -> Option<&Given> {
+        self.given.last()
+    }
+}
+
+/// A reward that was learned.
+#[derive(Clone, Debug, PartialEq)]
+pub struct FittedReward {
+    /// From what, and how well.
+    pub fit: Fit,
+    /// The file of its parameters, from the session's folder.
+    pub file: String,
+    /// The hash of that file.
+    pub sha256: String,
+}
+
+/// The state of a session: the fold of its events.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Session {
+    protocol: Protocol,
+    weights: Weights,
+    dreams: Vec<KeptDream>,
+    queries: Vec<AskedQuery>,
+    fits: Vec<FittedReward>,
+    n_entries: u64,
+    last_at: Option<u64>,
+    active_secs: f32,
+}
+
+impl Session {
+    /// A session in which nothing has happened.
+    pub fn new(protocol: Protocol, weights: Weights) -> Self {
+        let (dreams, queries, fits) = (Vec::new(), Vec::new(), Vec::new());
+        Self { protocol, weights, dreams, queries, fits, n_entries: 0, last_at: None, active_secs: 0.0 }
+    }
+
+    /// This session after `entries`; an error comes with how many of them could be applied.
+    pub fn folded<'a>(
+        mut self,
+        entries: impl IntoIterator<Item = &'a Entry>,
+    ) -> Result<Self, (usize, Impossible)> {
+        for (n_applied, entry) in entries.into_iter().enumerate() {
+            self.apply(entry).map_err(|why| (n_applied, why))?;
+        }
+        Ok(self)
+    }
+
+    /// Takes in what happened; where it cannot have happened, nothing changes.
+    pub fn apply(&mut self, entry: &Entry) -> Result<(), Impossible> {
+        self.check(&entry.event)?;
+        match &entry.event {
+            Event::DreamKept(kept) => self.dreams.push(kept.clone()),
+            &Event::Asked { query: id, left, right, choice } => {
+                let query = Query { id, left, right };
+                let (given, retracted) = (Vec::new(), Vec::new());
+                self.queries.push(AskedQuery { query, choice, is_flagged: false, given, retracted });
+            }
+            Event::Answered(answer) => {
+                self.active_secs += answer.secs.min(statistics::IDLE_SECS);
+                let asked = &mut self.queries[answer.query.0 as usize];
+                asked.retracted.clear();
+                asked.given.push(Given { answer: answer.clone(), seq: entry.seq, at: entry.at });
+            }
+            Event::Retracted { query } => {
+                let asked = &mut self.queries[query.0 as usize];
+                asked.retracted.extend(asked.given.pop());
+            }
+            Event::Restored { query } => {
+                let asked = &mut self.queries[query.0 as usize];
+                asked.given.extend(asked.retracted.pop());
+            }
+            Event::Flagged { query } => self.queries[query.0 as usize].is_flagged = true,
+            Event::Unflagged { query } => self.queries[query.0 as usize].is_flagged = false,
+            Event::WeightsChanged { weights } => self.weights = weights.clone(),
+            Event::Fitted { fit, file, sha256 } => {
+                let (file, sha256) = (file.clone(), sha256.clone());
+                self.fits.push(FittedReward { fit: fit.clone(), file, sha256 });
+            }
+        }
+        self.n_entries += 1;
+        self.last_at = Some(entry.at);
+        Ok(())
+    }
+
+    fn asked(&self, query: QueryId) -> Result<&AskedQuery, Impossible> {
+        self.query(query).ok_or(Impossible::NeverAsked(query))
+    }
+
+    /// Which questions are asked.
+    pub fn protocol(&self) -> Protocol {
+        self.protocol
+    }
+
+    /// How much answers weigh now.
+    pub fn weights(&self) -> &Weights {
+        &self.weights
+    }
+
+    /// The dreams, in the order of keeping.
+    pub fn dreams(&self) -> &[KeptDream] {
+        &self.dreams
+    }
+
+    /// The dreams with their lengths, as [`sample_queries`](crate::query::sample_queries) takes them.
+    pub fn dream_lens(&self) -> Vec<(DreamId, usize)> {
+        self.dreams.iter().map(|kept| (kept.dream, kept.len)).collect()
+    }
+
+    /// The queries, in the order of asking.
+    pub fn queries(&self) -> &[AskedQuery] {
+        &self.queries
+    }
+
+    /// The query of this number.
+    pub fn query(&self, id: QueryId) -> Option<&AskedQuery> {
+        self.queries.get(id.0 as usize)
+    }
+
+    /// The number of the query that is asked next.
+    pub fn next_query_id(&self) -> QueryId {
+        QueryId(self.queries.len() as u32)
+    }
+
+    /// The queries that were asked and have no answer that counts, in the order of asking.
+    pub fn pending(&self) -> impl Iterator<Item = &AskedQuery> {
+        self.queries.iter().filter(|asked| asked.given.is_empty())
+    }
+
+    /// The answers that count, skips among them, in the order of answering.
+    pub fn answers(&self) -> Vec<&Given> {
+        let mut answers: Vec<_> = self.queries.iter().filter_map(AskedQuery::answer).collect();
+        answers.sort_by_key(|given| given.seq);
+        answers
+    }
+
+    /// The query whose answer undoing takes back: the one answered last.
+    pub fn undoable(&self) -> Option<QueryId> {
+        let last = self.queries.iter().filter_map(AskedQuery::answer).max_by_key(|given| given.seq);
+        last.map(|given| given.answer.query)
+    }
+
+    /// The query whose answer redoing gives back: undoing backwards, so the one answered first of those taken back.
+    pub fn redoable(&self) -> Option<QueryId> {
+        let first =
+            self.queries.iter().filter_map(|asked| asked.retracted.last()).min_by_key(|given| given.seq);
+        first.map(|given| given.answer.query)
+    }
+
+    /// What can be learned from, in the order of answering: skips are left out.
+    pub fn labeled(&self) -> Vec<LabeledQuery> {
+        self.labeled_by(&self.weights)
+    }
+
+    /// The same with other weights, which needs no new answers.
+    pub fn labeled_by(&self, weights: &Weights) -> Vec<LabeledQuery> {
+        let label = |given: &&Given| -> Option<(Query, Label)> {
+            let query = self.query(given.answer.query)?.query;
+            Some((query, weights.label(&given.answer.response)?))
+        };
+        let labeled = self.answers();
+        labeled.iter().filter_map(label).map(|(query, label)| LabeledQuery { query, label }).collect()
+    }
+
+    /// The rewards that were learned, the last one last.
+    pub fn fits(&self) -> &[FittedReward] {
+        &self.fits
+    }
+
+    /// How many lines the log has.
+    pub fn n_entries(&self) -> u64 {
+        self.n_entries
+    }
+
+    /// When something last happened, in milliseconds since 1970.
+    pub fn last_at(&self) -> Option<u64> {
+        self.last_at
+    }
+
+    /// How the answering goes.
+    pub fn statistics(&self) -> Statistics {
+        Statistics::of(self)
+    }
+
+    /// How many answers that count were given by each annotator.
+    pub fn annotators(&self) -> BTreeMap<&str, usize> {
+        let mut annotators = BTreeMap::new();
+        for given in self.queries.iter().filter_map(AskedQuery::answer) {
+            *annotators.entry(given.answer.annotator.as_str()).or_default() += 1;
+        }
+        annotators
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,48 @@
+//! How the answering goes: only what was measured.
+
+use crate::query::Response;
+use crate::session::Session;
+
+/// Seconds of one answer beyond which the annotator is taken to have been elsewhere.
+pub const IDLE_SECS: f32 = 60.0;
+
+/// Counts of a session, over the answers that count.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Statistics {
+    /// Queries asked.
+    pub n_asked: usize,
+    /// Of these, answered with more than a skip.
+    pub n_answered: usize,
+    /// Of these, skipped.
+    pub n_skipped: usize,
+    /// Of these, marked for a second look.
+    pub n_flagged: usize,
+    /// Seconds spent with queries, retracted answers included, at most [`IDLE_SECS`] each.
+    pub active_secs: f32,
+}
+
+impl Statistics {
+    pub(super) fn of(session: &Session) -> Self {
+        let mut statistics =
+            Self { n_asked: session.queries.len(), active_secs: session.active_secs, ..Self::default() };
+        for asked in &session.queries {
+            statistics.n_flagged += usize::from(asked.is_flagged);
+            match asked.answer().map(|given| given.answer.response) {
+                None => {}
+                Some(Response::Skipped(_)) => statistics.n_skipped += 1,
+                Some(_) => statistics.n_answered += 1,
+            }
+        }
+        statistics
+    }
+
+    /// Queries without an answer that counts.
+    pub fn n_pending(&self) -> usize {
+        self.n_asked - self.n_answered - self.n_skipped
+    }
+
+    /// Usable labels an hour, once some time was spent.
+    pub fn labels_per_hour(&self) -> Option<f32> {
+        (self.active_secs > 0.0).then(|| 3600.0 * self.n_answered as f32 / self.active_secs)
+    }
+}

@@ -1,0 +1,304 @@
+//! A session in its folder: every event is on disk before it counts.
+
+use std::path::{Path, PathBuf};
+use std::time::SystemTime;
+
+use crate::dream::DreamEpisode;
+use crate::query::DreamId;
+use crate::session::error::SessionError;
+use crate::session::event::{DreamSource, Event, Fit, KeptDream};
+use crate::session::header::Header;
+use crate::session::journal::{self, DreamJournal, UnfinishedDream};
+use crate::session::log::{self, Contents, Log};
+use crate::session::{Session, arrays, export};
+use crate::tensor::{Parameters, sha256};
+use crate::world_model::WorldModel;
+
+const LOG_FILE: &str = "events.jsonl";
+const DREAMS: &str = "dreams";
+const REWARDS: &str = "reward";
+const WORLD_MODEL_FILE: &str = "world_model.safetensors";
+
+/// A session that is open, with everything that happens in it going to disk.
+#[derive(Debug)]
+pub struct SessionStore {
+    dir: PathBuf,
+    header: Header,
+    session: Session,
+    log: Log,
+    torn: Option<String>,
+}
+
+impl SessionStore {
+    /// A new session in `dir`, where there must be nothing yet, or an empty folder.
+    pub fn create(dir: &Path, header: Header) -> Result<Self, SessionError> {
+        let is_taken = std::fs::read_dir(dir).map_or(dir.exists(), |mut inside| inside.next().is_some());
+        if is_taken {
+            return Err(SessionError::Exists { path: dir.to_owned() });
+        }
+        std::fs::create_dir_all(dir).map_err(SessionError::disk("make the folder of a session", dir))?;
+        let log = Log::create(&dir.join(LOG_FILE))?;
+        // The header comes last: a folder without one is no session.
+        header.write(dir)?;
+        arrays::sync_folder(dir).map_err(SessionError::disk("make the folder of a session", dir))?;
+        Ok(Self { dir: dir.to_owned(), session: header.session(), header, log, torn: None })
+    }
+
+    /// A new session in a folder of its own below `sessions`, named by its time; never over another.
+    pub fn create_in(sessions: &Path, header: Header) -> Result<Self, SessionError> {
+        let name = header.folder_name();
+        let mut dir = sessions.join(&name);
+        let mut number = 1;
+        while dir.exists() {
+            number += 1;
+            dir = sessions.join(format!("{name}-{number}"));
+        }
+        Self::create(&dir, header)
+    }
+
+    /// The session in `dir`, which must have been made with the world model of this hash, if one is given.
+    ///
+    /// The half line that a killed program can leave is cut off and told in [`Self::torn`].
+    pub fn open(dir: &Path, world_model: Option<&str>) -> Result<Self, SessionError> {
+        let header = Header::read(dir)?;
+        check_world_model(dir, &header, world_model)?;
+        let path = dir.join(LOG_FILE);
+        let (log, contents) = Log::open(&path)?;
+        let session = fold(&header, &contents, &path)?;
+        Ok(Self { dir: dir.to_owned(), header, session, log, torn: contents.torn })
+    }
+
+    /// Writes down that `event` happened now; when this returns it is on disk, or nothing has changed.
+    pub fn record(&mut self, event: Event) -> Result<(), SessionError> {
+        self.record_at(event, now())
+    }
+
+    /// The same for an event of another time, in milliseconds since 1970.
+    pub fn record_at(&mut self, event: Event, at: u64) -> Result<(), SessionError> {
+        self.session.check(&event)?;
+        let entry = self.log.append(event, at)?;
+        self.session.apply(&entry)?;
+        Ok(())
+    }
+
+    /// Keeps a dream: its file first, then the event.
+    pub fn save_dream(
+        &mut self,
+        episode: &DreamEpisode,
+        source: DreamSource,
+    ) -> Result<DreamId, SessionError> {
+        let dream = DreamId(self.session.dreams().len() as u32);
+        let mut episode = episode.clone();
+        // A mark on the step that was never taken marks nothing.
+        let len = episode.len();
+        episode.unsafe_marks.retain(|mark| *mark < len);
+        episode.unsafe_marks.sort_unstable();
+        episode.unsafe_marks.dedup();
+        let file = format!("{DREAMS}/{:04}.safetensors", dream.0);
+        let bytes = arrays::dream_to_bytes(&episode);
+        self.write(&file, &bytes, "save a dream")?;
+        let DreamEpisode { unsafe_marks: marks, seed, .. } = episode;
+        let sha256 = sha256(&bytes);
+        self.record(Event::DreamKept(KeptDream { dream, len, seed, marks, source, file, sha256 }))?;
+        Ok(dream)
+    }
+
+    /// The dream of this number.
+    pub fn dream(&self, id: DreamId) -> Result<DreamEpisode, SessionError> {
+        read_dream(&self.dir, &self.session, id)
+    }
+
+    /// A journal for a dream that begins; it is discarded once the dream is kept or thrown away.
+    pub fn journal(&self, episode: &DreamEpisode, source: DreamSource) -> Result<DreamJournal, SessionError> {
+        DreamJournal::create(&self.dir.join(DREAMS), episode, source)
+    }
+
+    /// The dreams whose program ended before they did; those that are driven now are not among them.
+    pub fn unfinished_dreams(&self) -> Result<Vec<UnfinishedDream>, SessionError> {
+        let mut found = journal::unfinished(&self.dir.join(DREAMS))?;
+        // The program can end between keeping a dream and removing its journal.
+        let is_kept = |left: &UnfinishedDream| {
+            let mut kept = self.session.dreams().iter();
+            kept.any(|kept| kept.seed == left.episode.seed && kept.len >= left.episode.len())
+        };
+        for left in found.extract_if(.., |left| is_kept(left)) {
+            left.discard()?;
+        }
+        Ok(found)
+    }
+
+    /// Keeps an unfinished dream as far as it was driven.
+    pub fn recover(&mut self, unfinished: UnfinishedDream) -> Result<DreamId, SessionError> {
+        let dream = self.save_dream(&unfinished.episode, unfinished.source)?;
+        unfinished.discard()?;
+        Ok(dream)
+    }
+
+    /// Keeps the parameters of a reward and how they were learned.
+    pub fn save_reward(&mut self, parameters: &Parameters, fit: Fit) -> Result<(), SessionError> {
+        let file = format!("{REWARDS}/{:04}.safetensors", self.session.fits().len());
+        self.write(&file, parameters.bytes(), "save a reward")?;
+        self.record(Event::Fitted { fit, file, sha256: parameters.hash() })
+    }
+
+    /// The parameters of the reward that was learned last.
+    pub fn reward(&self) -> Result<Option<Parameters>, SessionError> {
+        let Some(last) = self.session.fits().last() else { return Ok(None) };
+        let path = self.dir.join(&last.file);
+        read_hashed(&path, &last.sha256).and_then(|bytes| parameters(bytes, &path)).map(Some)
+    }
+
+    /// Puts a copy of the world model into the folder, so that the session can travel alone.
+    pub fn save_world_model(&self, model: &WorldModel) -> Result<(), SessionError> {
+        check_world_model(&self.dir, &self.header, Some(&model.hash()))?;
+        self.write(WORLD_MODEL_FILE, model.parameters().bytes(), "copy the world model")
+    }
+
+    /// The session's world model: the copy in its folder, or else where the header says that it was.
+    pub fn world_model(&self) -> Result<WorldModel, SessionError> {
+        world_model(&self.dir, &self.header)
+    }
+
+    /// Writes the answers that count as a table to `path`.
+    pub fn export_labels(&self, path: &Path) -> Result<(), SessionError> {
+        let table = export::labels_csv(&self.session);
+        arrays::write_whole(path, table.as_bytes(), "write the table of labels")
+    }
+
+    /// The state of the session.
+    pub fn session(&self) -> &Session {
+        &self.session
+    }
+
+    /// Its head.
+    pub fn header(&self) -> &Header {
+        &self.header
+    }
+
+    /// Its folder.
+    pub fn dir(&self) -> &Path {
+        &self.dir
+    }
+
+    /// What was cut off the log when the session was opened, if anything was.
+    pub fn torn(&self) -> Option<&str> {
+        self.torn.as_deref()
+    }
+
+    fn write(&self, file: &str, bytes: &[u8], tried: &'static str) -> Result<(), SessionError> {
+        let path = self.dir.join(file);
+        if let Some(folder) = path.parent() {
+            std::fs::create_dir_all(folder).map_err(SessionError::disk(tried, folder))?;
+        }
+        arrays::write_whole(&path, bytes, tried)
+    }
+}
+
+/// A session and its head as they stand in a folder, which is left as it is.
+#[derive(Debug)]
+pub(super) struct Reading {
+    pub(super) header: Header,
+    pub(super) contents: Contents,
+    pub(super) session: Session,
+}
+
+/// Reads the session in `dir`, without keeping others from it.
+pub(super) fn read(dir: &Path, world_model: Option<&str>) -> Result<Reading, SessionError> {
+    let header = Header::read(dir)?;
+    check_world_model(dir, &header, world_model)?;
+    let path = dir.join(LOG_FILE);
+    let contents = log::read(&path)?;
+    let session = fold(&header, &contents, &path)?;
+    Ok(Reading { header, contents, session })
+}
+
+fn fold(header: &Header, contents: &Contents, path: &Path) -> Result<Session, SessionError> {
+    header.session().folded(&contents.entries).map_err(|(n_applied, why)| SessionError::ImpossibleLine {
+        line: n_applied + 1,
+        why,
+        path: path.to_owned(),
+    })
+}
+
+fn check_world_model(dir: &Path, header: &Header, model: Option<&str>) -> Result<(), SessionError> {
+    match model {
+        Some(model) if model != header.world_model => Err(SessionError::OtherWorldModel {
+            session: header.world_model.clone(),
+            model: model.to_owned(),
+            path: dir.to_owned(),
+        }),
+        _ => Ok(()),
+    }
+}
+
+pub(super) fn read_dream(dir: &Path, session: &Session, id: DreamId) -> Result<DreamEpisode, SessionError> {
+    let kept = session.dreams().get(id.0 as usize).ok_or(SessionError::NoDream(id))?;
+    let path = dir.join(&kept.file);
+    let episode = arrays::dream_from_bytes(&read_hashed(&path, &kept.sha256)?);
+    let wrong = |met| SessionError::Dream { met, path: path.clone() };
+    let episode = episode.map_err(wrong)?;
+    if episode.len() == kept.len {
+        Ok(episode)
+    } else {
+        Err(wrong(format!("it has {} steps where the log says {}", episode.len(), kept.len)))
+    }
+}
+
+fn world_model(dir: &Path, header: &Header) -> Result<WorldModel, SessionError> {
+    let hinted = header.world_model_path.as_ref().map(|hint| dir.join(hint));
+    let path = [Some(dir.join(WORLD_MODEL_FILE)), hinted].into_iter().flatten().find(|path| path.exists());
+    let Some(path) = path else {
+        return Err(SessionError::NoWorldModel { hash: header.world_model.clone(), path: dir.to_owned() });
+    };
+    let bytes = std::fs::read(&path).map_err(SessionError::disk("read the world model", &path))?;
+    let parameters = parameters(bytes, &path)?;
+    check_world_model(&path, header, Some(&parameters.hash()))?;
+    WorldModel::load(parameters).map_err(|met| SessionError::WorldModel { met, path })
+}
+
+fn parameters(bytes: Vec<u8>, path: &Path) -> Result<Parameters, SessionError> {
+    Parameters::from_bytes(bytes).map_err(|met| SessionError::Parameters { met, path: path.to_owned() })
+}
+
+fn read_hashed(path: &Path, hash: &str) -> Result<Vec<u8>, SessionError> {
+    let bytes = std::fs::read(path).map_err(SessionError::disk("read a file of the session", path))?;
+    if sha256(&bytes) == hash { Ok(bytes) } else { Err(SessionError::Changed { path: path.to_owned() }) }
+}
+
+fn now() -> u64 {
+    SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).map_or(0, |since| since.as_millis() as u64)
+}
+
+/// A session that can be opened, or why it cannot.
+#[derive(Debug)]
+pub struct Recent {
+    /// Its folder.
+    pub dir: PathBuf,
+    /// What it is and how far it got.
+    pub session: Result<(Header, Session), SessionError>,
+}
+
+impl Recent {
+    /// When something last happened in it, in milliseconds since 1970; 0 where that cannot be read.
+    pub fn last_at(&self) -> u64 {
+        self.session.as_ref().map_or(0, |(header, session)| session.last_at().unwrap_or(header.created_at))
+    }
+}
+
+/// The sessions in `sessions`, the latest first; none where there is no such folder.
+pub fn recent(sessions: &Path) -> Result<Vec<Recent>, SessionError> {
+    let listing = match std::fs::read_dir(sessions) {
+        Err(e) if e.kind() == std::io::ErrorKind::NotFound => return Ok(Vec::new()),
+        listing => listing.map_err(SessionError::disk("list the sessions", sessions))?,
+    };
+    let mut dirs: Vec<PathBuf> = listing.filter_map(|item| Some(item.ok()?.path())).collect();
+    dirs.retain(|dir| dir.join(super::header::FILE).exists());
+    dirs.sort();
+    let open = |dir: PathBuf| {
+        let session = read(&dir, None).map(|reading| (reading.header, reading.session));
+        Recent { dir, session }
+    };
+    let mut recent: Vec<_> = dirs.into_iter().map(open).collect();
+    recent.sort_by_key(|recent| std::cmp::Reverse(recent.last_at()));
+    Ok(recent)
+}

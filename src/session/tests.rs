@@ -1,0 +1,205 @@
+//! What can and cannot happen in a session.
+
+use proptest::prelude::*;
+
+use super::*;
+use crate::query::{Justification, Preference, Response, SafetyAnswer, SegmentRef};
+
+const SAFE_LEFT: Response = Response::Safety(SafetyAnswer::OnlyLeft);
+const BOTH: Response = Response::Safety(SafetyAnswer::Both(Preference::Right));
+
+struct Script {
+    session: Session,
+    entries: Vec<Entry>,
+}
+
+impl Script {
+    /// A session with a dream of 30 steps and `n` queries about it.
+    fn with_queries(n: u32) -> Self {
+        let session = Session::new(Protocol::Dropj, Weights::car_racing());
+        let mut script = Self { session, entries: Vec::new() };
+        script.happens(dream_of(30)).unwrap();
+        (0..n).for_each(|id| script.happens(asked(id, 0, 10)).unwrap());
+        script
+    }
+
+    fn happens(&mut self, event: Event) -> Result<(), Impossible> {
+        let entry = Entry { event, seq: self.entries.len() as u64, at: 1000 };
+        self.session.apply(&entry)?;
+        self.entries.push(entry);
+        Ok(())
+    }
+
+    fn responses(&self) -> Vec<Response> {
+        self.session.answers().iter().map(|given| given.answer.response).collect()
+    }
+}
+
+fn dream_of(len: usize) -> Event {
+    let (file, sha256) = ("dreams/0000.safetensors".to_owned(), String::new());
+    let source = DreamSource::Simulated;
+    Event::DreamKept(KeptDream { dream: DreamId(0), len, seed: 0, marks: vec![], source, file, sha256 })
+}
+
+fn asked(id: u32, left: usize, right: usize) -> Event {
+    let segment = |start| SegmentRef { dream: DreamId(0), start };
+    let (left, right) = (segment(left), segment(right));
+    Event::Asked { query: QueryId(id), left, right, choice: Choice::Uniform }
+}
+
+fn answered(id: u32, response: Response) -> Event {
+    Event::Answered(Answer::new(QueryId(id), response, 5.0, "anna"))
+}
+
+fn retracted(id: u32) -> Event {
+    Event::Retracted { query: QueryId(id) }
+}
+
+fn restored(id: u32) -> Event {
+    Event::Restored { query: QueryId(id) }
+}
+
+#[test]
+fn undoing_an_undo_gives_the_session_back() {
+    let mut script = Script::with_queries(3);
+    for id in 0..3 {
+        script.happens(answered(id, if id == 1 { BOTH } else { SAFE_LEFT })).unwrap();
+    }
+    let before = script.session.clone();
+    for id in [2, 1, 0] {
+        assert_eq!(script.session.undoable(), Some(QueryId(id)));
+        script.happens(retracted(id)).unwrap();
+    }
+    assert_eq!((script.session.undoable(), script.session.pending().count()), (None, 3));
+    for id in 0..3 {
+        assert_eq!(script.session.redoable(), Some(QueryId(id)));
+        script.happens(restored(id)).unwrap();
+    }
+    assert_eq!(script.session.answers(), before.answers());
+    assert_eq!(script.session.labeled(), before.labeled());
+    assert_eq!(script.session.redoable(), None);
+}
+
+#[test]
+fn a_later_answer_to_the_same_query_counts_until_it_is_taken_back() {
+    let mut script = Script::with_queries(1);
+    script.happens(answered(0, SAFE_LEFT)).unwrap();
+    script.happens(answered(0, BOTH)).unwrap();
+    assert_eq!(script.responses(), [BOTH]);
+    script.happens(retracted(0)).unwrap();
+    assert_eq!(script.responses(), [SAFE_LEFT]);
+    script.happens(answered(0, Response::Skipped(None))).unwrap();
+    assert_eq!(script.happens(restored(0)), Err(Impossible::NotRetracted(QueryId(0))));
+}
+
+#[test]
+fn skips_are_answers_and_no_labels() {
+    let mut script = Script::with_queries(3);
+    script.happens(answered(1, SAFE_LEFT)).unwrap();
+    script.happens(answered(0, Response::Skipped(None))).unwrap();
+    let labeled = script.session.labeled();
+    assert_eq!(labeled.len(), 1);
+    assert_eq!((labeled[0].query.id, labeled[0].label.mu()), (QueryId(1), 1.0));
+    let statistics = script.session.statistics();
+    assert_eq!((statistics.n_answered, statistics.n_skipped, statistics.n_pending()), (1, 1, 1));
+    assert_eq!(statistics.labels_per_hour(), Some(360.0));
+}
+
+#[test]
+fn an_hour_away_from_the_screen_counts_as_a_minute() {
+    let mut script = Script::with_queries(1);
+    script.happens(Event::Answered(Answer::new(QueryId(0), BOTH, 3600.0, "anna"))).unwrap();
+    assert_eq!(script.session.statistics().labels_per_hour(), Some(60.0));
+}
+
+#[test]
+fn other_weights_change_labels_and_no_answers() {
+    let mut script = Script::with_queries(1);
+    script.happens(answered(0, BOTH)).unwrap();
+    assert_eq!(script.session.labeled()[0].label.mu(), 0.25);
+    let weights = Weights { default: 0.5, ..Weights::car_racing() };
+    script.happens(Event::WeightsChanged { weights }).unwrap();
+    assert_eq!(script.session.labeled()[0].label.mu(), 0.5);
+    assert_eq!(script.responses(), [BOTH]);
+}
+
+#[test]
+fn what_cannot_have_happened_is_refused_and_changes_nothing() {
+    let mut script = Script::with_queries(1);
+    let before = script.session.clone();
+    let segment = SegmentRef { dream: DreamId(0), start: 11 };
+    let again = |of| {
+        let segment = |start| SegmentRef { dream: DreamId(0), start };
+        let (left, right) = (segment(10), segment(9));
+        Event::Asked { query: QueryId(1), left, right, choice: Choice::Again(QueryId(of)) }
+    };
+    let step = Answer { left_unsafe_from: Some(20), ..Answer::new(QueryId(0), BOTH, 1.0, "anna") };
+    let fit = |after, loss| Event::Fitted {
+        fit: Fit { after, n_labels: 0, seed: 0, epochs: 1, losses: vec![loss], held_out: None },
+        file: "reward/0000.safetensors".to_owned(),
+        sha256: String::new(),
+    };
+    let (query, next) = (QueryId(0), 1);
+    let weights = |safety| Event::WeightsChanged { weights: Weights { safety, ..Weights::car_racing() } };
+    for (event, why) in [
+        (answered(9, BOTH), Impossible::NeverAsked(QueryId(9))),
+        (asked(1, 0, 11), Impossible::Segment(segment)),
+        (asked(1, usize::MAX, 0), Impossible::Segment(SegmentRef { start: usize::MAX, ..segment })),
+        (asked(0, 0, 0), Impossible::QueryNumber { found: query, next }),
+        (again(0), Impossible::OtherSegments { query: QueryId(1), of: query }),
+        (dream_of(30), Impossible::DreamNumber { found: DreamId(0), next }),
+        (
+            answered(0, Response::Preferred(Preference::Left)),
+            Impossible::Response { query, protocol: Protocol::Dropj },
+        ),
+        (
+            answered(0, Response::Justified(Justification(0), Preference::Left)),
+            Impossible::Response { query, protocol: Protocol::Dropj },
+        ),
+        (Event::Answered(step), Impossible::Step { query, step: 20 }),
+        (
+            Event::Answered(Answer::new(query, BOTH, f32::NAN, "anna")),
+            Impossible::Number("the time of an answer"),
+        ),
+        (retracted(0), Impossible::NotAnswered(query)),
+        (restored(0), Impossible::NotRetracted(query)),
+        (weights(0.3), Impossible::Weight { name: "safety", weight: 0.3 }),
+        (fit(0, f32::NAN), Impossible::Number("a loss")),
+        (fit(3, 0.1), Impossible::Future { after: 3, n_lines: 2 }),
+    ] {
+        assert_eq!(script.happens(event), Err(why));
+    }
+    assert_eq!(script.session, before);
+}
+
+#[test]
+fn files_outside_the_session_are_refused() {
+    let mut session = Session::new(Protocol::Dropj, Weights::car_racing());
+    for file in ["../secret", "/etc/passwd"] {
+        let Event::DreamKept(kept) = dream_of(30) else { unreachable!("it is one") };
+        let event = Event::DreamKept(KeptDream { file: file.to_owned(), ..kept });
+        let refused = session.apply(&Entry { event, seq: 0, at: 0 });
+        assert_eq!(refused, Err(Impossible::Outside(file.to_owned())));
+    }
+}
+
+proptest! {
+    #[test]
+    fn a_log_folds_to_the_session_that_wrote_it(deeds in prop::collection::vec((0u8..5, 0u32..4), 0..60)) {
+        let mut script = Script::with_queries(4);
+        for (deed, query) in deeds {
+            let event = match deed {
+                0 => answered(query, SAFE_LEFT),
+                1 => answered(query, Response::Skipped(None)),
+                2 => retracted(query),
+                3 => restored(query),
+                _ => Event::Flagged { query: QueryId(query) },
+            };
+            script.happens(event).ok();
+        }
+        let read: Vec<Entry> =
+            script.entries.iter().map(|entry| Entry::from_line(entry.to_line().as_bytes()).unwrap()).collect();
+        let folded = Session::new(Protocol::Dropj, Weights::car_racing()).folded(&read);
+        prop_assert_eq!(folded, Ok(script.session));
+    }
+}
