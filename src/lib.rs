@@ -50,6 +50,8 @@
 
 pub mod tensor;
 pub mod env;
+pub mod dataset;
+pub mod run;
 pub mod world_model;
 pub mod query;
 pub mod dream;

@@ -36,6 +36,17 @@ pub struct Schedule {
     pub patience: usize,
 }
 
+impl Schedule {
+    /// The most that the learning rate may be in `epoch`: with the end in sight it falls to a third, then to a tenth.
+    fn ceiling(&self, epoch: usize) -> f64 {
+        match epoch * 20 / self.max_epochs.max(1) {
+            0..12 => self.learning_rate,
+            12..17 => self.learning_rate / 3.0,
+            _ => self.learning_rate / 10.0,
+        }
+    }
+}
+
 /// How a world model is trained.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -246,6 +257,7 @@ impl Course<'_> {
         let Schedule { updates_per_epoch, max_epochs, min_learning_rate, patience, .. } = *self.schedule;
         while self.standing.epoch < max_epochs && self.standing.learning_rate >= min_learning_rate {
             // Each epoch has a stream of its own, so that a resumed fit goes on as it would have.
+            let learning_rate = self.standing.learning_rate.min(self.schedule.ceiling(self.standing.epoch));
             self.rng.set_stream(self.standing.epoch as u64 + 1);
             self.rng.set_word_pos(0);
             let mut progress = Progress {
@@ -257,13 +269,13 @@ impl Course<'_> {
                 items: 0,
                 loss: 0.0,
                 held_out: None,
-                learning_rate: self.standing.learning_rate,
+                learning_rate,
                 is_best: false,
             };
             let mut sum = 0.0;
             for done in 1..=updates_per_epoch {
                 let (loss, items) = update(&mut self.rng)?;
-                self.adam.step(&loss, self.standing.learning_rate, clip);
+                self.adam.step(&loss, learning_rate, clip);
                 sum += loss.double_value(&[]);
                 progress = Progress { done, items, loss: sum / done as f64, ..progress };
                 if done < updates_per_epoch && report(&progress).is_break() {

@@ -2,6 +2,7 @@
 //!
 //! Knows no window, clock or file, and is the only place that knows the order `[z | c | h]` of a state's features.
 
+pub mod fit;
 pub mod mdn_rnn;
 pub mod vae;
 

@@ -1,0 +1,58 @@
+//! What can be asked on the command line, and by whom it is answered.
+#![expect(clippy::print_stdout, reason = "the command line speaks on standard output")]
+#![expect(clippy::print_stderr, reason = "and of its progress on standard error")]
+
+mod fit_world;
+mod record;
+mod trace;
+
+use clap::{Parser, Subcommand, ValueEnum};
+
+/// Safe reward learning from a person who drives in a dream and says what they prefer, and why.
+#[derive(Debug, Parser)]
+#[command(version, about)]
+pub(crate) struct Cli {
+    #[command(subcommand)]
+    command: Option<Command>,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    /// Record real episodes with the scripted pilot (step 1)
+    Record(record::Options),
+    /// Train a world model on recorded episodes (step 1)
+    FitWorld(fit_world::Options),
+    /// Print an episode step by step, in the columns of the reference traces
+    Trace(trace::Options),
+}
+
+/// The worlds that can be driven in.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum EnvName {
+    /// Car Racing.
+    CarRacing,
+    /// Obstacle Car Racing with chuckholes and other cars.
+    ObstacleCarRacing,
+    /// Obstacle Car Racing with chuckholes alone.
+    ObstacleCarRacingChuckholes,
+}
+
+impl EnvName {
+    fn name(self) -> &'static str {
+        match self {
+            Self::CarRacing => "car-racing",
+            Self::ObstacleCarRacing => "obstacle-car-racing",
+            Self::ObstacleCarRacingChuckholes => "obstacle-car-racing-chuckholes",
+        }
+    }
+}
+
+/// Carries out what was asked.
+pub(crate) fn run(cli: Cli) -> anyhow::Result<()> {
+    match cli.command {
+        None => anyhow::bail!("the window is not built yet"),
+        Some(Command::Record(options)) => record::run(&options),
+        Some(Command::FitWorld(options)) => fit_world::run(&options),
+        Some(Command::Trace(options)) => trace::run(&options),
+    }
+}

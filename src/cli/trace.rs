@@ -1,0 +1,88 @@
+//! `dropj trace`.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::Context as _;
+use dropj::env::trace::{Row, Traced, trace};
+use dropj::env::{Aids, CarRacing, ObstacleCarRacing, Obstacles, Seed};
+
+use super::EnvName;
+
+#[derive(Debug, clap::Args)]
+pub(crate) struct Options {
+    /// The world to drive in
+    #[arg(long, value_enum, default_value = "car-racing")]
+    env: EnvName,
+    /// What `env.seed` of gym 0.20 was given
+    #[arg(long)]
+    gym_seed: u64,
+    /// What Python's `random.seed` was given: it places the chuckholes
+    #[arg(long, default_value_t = 0)]
+    python_seed: u64,
+    /// The driving aids of the paper's evaluation, where there are obstacles
+    #[arg(long, value_enum, default_value = "on")]
+    aids: Switch,
+    /// A table whose first three columns are steer, gas and brake
+    #[arg(long)]
+    actions: PathBuf,
+    /// A folder for the pictures, one PNG a step
+    #[arg(long)]
+    frames: Option<PathBuf>,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+enum Switch {
+    On,
+    Off,
+}
+
+pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
+    let text = std::fs::read_to_string(&options.actions)
+        .with_context(|| format!("cannot read the actions {:?}", options.actions))?;
+    let actions = parse(&text).with_context(|| format!("in the actions {:?}", options.actions))?;
+    let seed = Seed::Gym { env: options.gym_seed, python: options.python_seed };
+    let aids = if options.aids == Switch::On { Aids::ALL } else { Aids::NONE };
+    let mut env: Box<dyn Traced> = match options.env {
+        EnvName::CarRacing => Box::new(CarRacing::new(seed)),
+        EnvName::ObstacleCarRacing => Box::new(ObstacleCarRacing::new(seed, Obstacles::ChuckholesAndCars, aids)),
+        EnvName::ObstacleCarRacingChuckholes => {
+            Box::new(ObstacleCarRacing::new(seed, Obstacles::Chuckholes, aids))
+        }
+    };
+    if let Some(dir) = &options.frames {
+        std::fs::create_dir_all(dir).with_context(|| format!("cannot make the folder of pictures {dir:?}"))?;
+    }
+    let mut failed = None;
+    let rows = trace(&mut *env, seed, &actions, |step, env| {
+        if let Some(dir) = &options.frames
+            && let Err(error) = save(&dir.join(format!("step{step:04}.png")), &env.raw_image())
+        {
+            failed.get_or_insert(error);
+        }
+    });
+    for row in &rows {
+        println!("{}", Row::to_csv(row));
+    }
+    failed.map_or(Ok(()), Err)
+}
+
+/// Writes a square picture.
+fn save(path: &Path, rgb: &[u8]) -> anyhow::Result<()> {
+    let side = (rgb.len() / 3).isqrt() as u32;
+    image::save_buffer(path, rgb, side, side, image::ColorType::Rgb8)
+        .with_context(|| format!("cannot write the picture {path:?}"))
+}
+
+/// The first three columns of every line; a heading is passed over.
+fn parse(text: &str) -> anyhow::Result<Vec<[f64; 3]>> {
+    let mut actions = Vec::new();
+    for (i, line) in text.lines().enumerate().filter(|(_, line)| !line.trim().is_empty()) {
+        let numbers: Vec<_> = line.split(',').take(3).map(|cell| cell.trim().parse::<f64>()).collect();
+        match numbers.as_slice() {
+            [Ok(steer), Ok(gas), Ok(brake)] => actions.push([*steer, *gas, *brake]),
+            _ if i == 0 => {}
+            _ => anyhow::bail!("line {} does not begin with three numbers: {line:?}", i + 1),
+        }
+    }
+    Ok(actions)
+}
