@@ -4,8 +4,8 @@
 //!
 //! 1. [`world_model`] learns to observe, imagine and decode what [`env`] shows.
 //! 2. In a [`dream`] the user drives inside that model.
-//! 3. A [`query`] shows two segments of dreams; answers become labels, and labels a `reward`.
-//! 4. A `planner` drives the real car by imagining ahead, and `evaluation` says how well.
+//! 3. A [`query`] shows two segments of dreams; answers become labels, and labels a [`reward`].
+//! 4. A [`planner`] drives the real car by imagining ahead, and `evaluation` says how well.
 //!
 //! A `session` remembers all of it, a `worker` does each slow part, and `ui` shows them.
 //! Data flows down this page: a module names only those before it (`tests/layering.rs`).
@@ -20,8 +20,8 @@
 //! | [`world_model`] | VAE, MDN-RNN, their fitting | knows no window or clock; the only place that knows the order `[z \| c \| h]` |
 //! | [`query`] | segments, what can be asked and answered, labels | plain data: no tensor |
 //! | [`dream`] | stepping the model as an environment | holds no randomness of its own: noise comes from the caller |
-//! | `reward` | the ensemble and its fitting | never sees a frame: features and scaled actions only |
-//! | `planner` | candidates, imagined returns, the choice | a pure function of state, models and generator |
+//! | [`reward`] | the ensemble and its fitting | never sees a frame: features and scaled actions only |
+//! | [`planner`] | candidates, imagined returns, the choice | a pure function of state, models and generator |
 //! | [`simulate`] | stand-ins for people: pilot, probe, annotator | once it labels it sees frames, never the simulator |
 //! | `evaluation` | episodes in the real world, metrics | takes a policy, returns numbers; same tracks for every method |
 //! | `session` | events, their log, replay; arrays and weights on disk | with `dataset` the only module that touches files; a session *is* its log |
@@ -55,4 +55,6 @@ pub mod run;
 pub mod world_model;
 pub mod query;
 pub mod dream;
+pub mod reward;
+pub mod planner;
 pub mod simulate;

@@ -1,0 +1,195 @@
+//! Driving by imagining ahead: a few courses of action, the one with the best imagined return (Step 4 of the method).
+//!
+//! A pure function of state, models and generator; only the [`Agent`] remembers.
+
+pub mod agent;
+pub mod candidates;
+
+use rand::Rng;
+use serde::{Deserialize, Serialize};
+use tch::{Kind, Tensor};
+
+use crate::dream::Rows;
+use crate::env::Action;
+use crate::reward::{RewardModel, scaled_actions_tensor};
+use crate::tensor::to_vec;
+use crate::world_model::{Next, State, WorldModel, actions_tensor};
+
+pub use agent::Agent;
+pub use candidates::{N_CANDIDATES, candidates};
+
+/// How the planner looks ahead (method §11).
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PlannerConfig {
+    /// H: how many steps it imagines. Paper: 15 for preferences, 25 for sparse rewards.
+    pub horizon: usize,
+    /// R: how many steps of a plan are driven before the next plan. Paper: 4.
+    pub replan: usize,
+    /// How hard the candidates that brake do so: 0.2 in Car Racing, 0.1 with chuckholes, 0.05 with cars too.
+    pub brake: f32,
+    /// τ of the imagined mean. Authors' code: 0.1.
+    pub temperature: f64,
+    /// After how many steps an agent forgets everything, if ever. Authors' code: 50; the paper does not say so.
+    pub memory_reset: Option<usize>,
+}
+
+impl PlannerConfig {
+    /// The authors' values for Car Racing.
+    pub fn car_racing() -> Self {
+        Self { horizon: 15, replan: 4, brake: 0.2, temperature: 0.1, memory_reset: Some(50) }
+    }
+
+    /// The authors' values for Obstacle Car Racing with chuckholes.
+    pub fn obstacle_car_racing() -> Self {
+        Self { brake: 0.1, ..Self::car_racing() }
+    }
+}
+
+/// A course of action and what is imagined to come of it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Candidate {
+    /// H actions.
+    pub actions: Vec<Action>,
+    /// The sum of the imagined rewards.
+    pub predicted_return: f32,
+    /// The latents that it passes through, `[H, Z]`; the first row is the present.
+    pub zs: Rows,
+}
+
+/// All candidates, and the choice among them.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Plan {
+    /// In the order of [`candidates()`].
+    pub candidates: Vec<Candidate>,
+    /// Which one is driven: the first of the highest return.
+    pub chosen: usize,
+}
+
+impl Plan {
+    /// The candidate that is driven.
+    pub fn best(&self) -> &Candidate {
+        &self.candidates[self.chosen]
+    }
+}
+
+/// Imagines every candidate from `state` and chooses the best.
+///
+/// # Shapes
+/// - `state`: a batch of one
+pub fn plan(
+    model: &WorldModel,
+    reward: &impl RewardModel,
+    state: &State,
+    config: &PlannerConfig,
+    rng: &mut impl Rng,
+) -> Plan {
+    judge(model, reward, state, config, candidates(config, rng))
+}
+
+/// Imagines the courses of action `all` from `state`, which are equally long, and chooses the best.
+///
+/// ```text
+/// return = Σ_{t=0}^{H−1} r̂(x_t, ã_t)
+/// ```
+fn judge(
+    model: &WorldModel,
+    reward: &impl RewardModel,
+    state: &State,
+    config: &PlannerConfig,
+    all: Vec<Vec<Action>>,
+) -> Plan {
+    let (n, horizon) = (all.len() as i64, config.horizon as i64);
+    let by_time: Vec<Action> = (0..config.horizon).flat_map(|t| all.iter().map(move |actions| actions[t])).collect();
+    let actions = actions_tensor(&by_time).view([horizon, n, Action::LEN as i64]);
+    let mut state = state.repeated(n);
+    let (mut features, mut zs) = (vec![state.features()], vec![state.z.shallow_clone()]);
+    // DIFFERENCE: the paper adds H + 1 rewards, the authors' code H (method §14.9): the state after the last action
+    // is not needed.
+    for t in 0..horizon - 1 {
+        state = model.imagine(&state, &actions.select(0, t), Next::Mean { temperature: config.temperature });
+        features.push(state.features());
+        zs.push(state.z.shallow_clone());
+    }
+    let rewards = reward.rewards(&Tensor::cat(&features, 0), &scaled_actions_tensor(&by_time)); // [H · S]
+    let returns = to_vec(&rewards.view([horizon, n]).sum_dim_intlist(0, false, Kind::Float));
+    let zs = Tensor::stack(&zs, 1); // [S, H, Z]
+    let width = zs.size()[2] as usize;
+    let zs = to_vec(&zs);
+    let zs = zs.chunks_exact(width * config.horizon).map(|values| Rows { width, values: values.to_vec() });
+    let imagined = all.into_iter().zip(zs).zip(&returns);
+    let candidates = imagined.map(|((actions, zs), &predicted_return)| Candidate { actions, predicted_return, zs });
+    Plan { candidates: candidates.collect(), chosen: first_maximum(&returns) }
+}
+
+/// Where the highest of `values` comes first.
+fn first_maximum(values: &[f32]) -> usize {
+    (1..values.len()).fold(0, |best, i| if values[i] > values[best] { i } else { best })
+}
+
+#[cfg(test)]
+mod tests {
+    use rand::SeedableRng as _;
+    use rand_chacha::ChaCha8Rng;
+
+    use super::*;
+    use crate::reward::{RewardConfig, RewardEnsemble};
+    use crate::world_model::{WorldModelConfig, untrained};
+
+    /// Likes steering to the right.
+    struct RightTurner;
+
+    impl RewardModel for RightTurner {
+        fn rewards(&self, _: &Tensor, scaled_actions: &Tensor) -> Tensor {
+            scaled_actions.select(-1, 0)
+        }
+    }
+
+    fn rng() -> ChaCha8Rng {
+        ChaCha8Rng::seed_from_u64(0)
+    }
+
+    fn here(model: &WorldModel) -> State {
+        State { z: Tensor::ones([1, 4], tch::kind::FLOAT_CPU), memory: model.no_memory(1) }
+    }
+
+    #[test]
+    fn the_first_of_the_best_candidates_is_chosen() {
+        let model = untrained(&WorldModelConfig::tiny(), &mut rng());
+        let plan = plan(&model, &RightTurner, &here(&model), &PlannerConfig::car_racing(), &mut rng());
+        // Candidates 2 and 5 turn right throughout; the former comes first.
+        assert_eq!((plan.chosen, plan.best().predicted_return), (2, 15.0));
+        assert_eq!(plan.candidates[0].predicted_return, 0.0);
+        assert_eq!(first_maximum(&[1.0, 3.0, 3.0, f32::NAN]), 1);
+    }
+
+    #[test]
+    fn imagining_all_at_once_is_imagining_one_after_the_other() {
+        let model = untrained(&WorldModelConfig::tiny(), &mut rng());
+        let reward = RewardEnsemble::new(36, "sha256:0", RewardConfig::tiny(), &mut rng()).in_kind(Kind::Float);
+        let config = PlannerConfig::car_racing();
+        let together = plan(&model, &reward, &here(&model), &config, &mut rng());
+        for one in &together.candidates {
+            let alone = judge(&model, &reward, &here(&model), &config, vec![one.actions.clone()]);
+            assert!((alone.best().predicted_return - one.predicted_return).abs() < 1e-4);
+            let apart = alone.best().zs.values.iter().zip(&one.zs.values).map(|(a, b)| (a - b).abs());
+            assert!(apart.fold(0.0, f32::max) < 1e-5, "the latents are the same too");
+        }
+    }
+
+    #[test]
+    fn a_return_is_the_sum_of_the_rewards_along_the_way() {
+        let model = untrained(&WorldModelConfig::tiny(), &mut rng());
+        let reward = RewardEnsemble::new(36, "sha256:0", RewardConfig::tiny(), &mut rng()).in_kind(Kind::Float);
+        let config = PlannerConfig { horizon: 4, ..PlannerConfig::car_racing() };
+        let best = plan(&model, &reward, &here(&model), &config, &mut rng()).best().clone();
+        let (mut state, mut sum) = (here(&model), 0.0);
+        for action in &best.actions {
+            let scaled = scaled_actions_tensor(&[*action]);
+            sum += reward.rewards(&state.features(), &scaled).double_value(&[0]) as f32;
+            state = model.imagine(&state, &actions_tensor(&[*action]), Next::Mean { temperature: 0.1 });
+        }
+        assert!((best.predicted_return - sum).abs() < 1e-5, "{} and {sum}", best.predicted_return);
+        assert_eq!(best.zs.len(), 4);
+    }
+}

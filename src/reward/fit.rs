@@ -1,0 +1,429 @@
+//! Fitting the ensemble to answers: Bradley–Terry cross-entropy with soft labels (method §8).
+
+use std::ops::ControlFlow;
+
+use rand::Rng;
+use rand::seq::SliceRandom as _;
+use serde::{Deserialize, Serialize};
+use tch::nn::{self, OptimizerConfig as _};
+use tch::{Kind, Tensor};
+
+use crate::dream::Rows;
+use crate::env::{Action, ScaledAction};
+use crate::query::{Label, SEGMENT_LEN, SegmentRef};
+use crate::reward::figures::{Figures, Foretold};
+use crate::reward::{RewardConfig, RewardEnsemble};
+use crate::tensor::{dims, from_slice, to_vec};
+
+/// How many answers the recent figures look back on.
+pub const RECENT: usize = 50;
+/// Steps of Adam for each new answer, while more answers come in.
+///
+/// Some 340 answers then bring as many steps as two or three fits of 60 epochs over all of them.
+pub const WARM_STEPS: usize = 2;
+
+/// Two segments as the ensemble reads them, and which is better: the triple (σ⁰, σ¹, μ) of the paper.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SegmentPair {
+    /// σ⁰: [`SEGMENT_LEN`] rows `[x | ã]`, one after the other.
+    pub left: Vec<f32>,
+    /// σ¹, likewise.
+    pub right: Vec<f32>,
+    /// What was answered.
+    pub label: Label,
+}
+
+/// The rows `[x | ã]` of a segment of a dream.
+///
+/// # Panics
+/// Where the segment reaches beyond the dream.
+///
+/// # Shapes
+/// - `features`: `[T, F]`, `actions`: T of them, both of the segment's dream
+/// - returns `[k, F + A]`
+pub fn segment_rows(features: &Rows, actions: &[Action], segment: SegmentRef) -> Vec<f32> {
+    let mut rows = Vec::with_capacity(SEGMENT_LEN * (features.width + Action::LEN));
+    let steps = segment.start..segment.start + SEGMENT_LEN;
+    for (t, action) in steps.clone().zip(&actions[steps]) {
+        rows.extend_from_slice(features.row(t));
+        rows.extend(ScaledAction::from(*action).to_array());
+    }
+    rows
+}
+
+/// What an epoch brought.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct EpochReport {
+    /// Its number in the fit, from 1.
+    pub epoch: usize,
+    /// Of how many.
+    pub n_epochs: usize,
+    /// The mean loss of each member before its steps, in nats a label.
+    pub losses: Vec<f64>,
+}
+
+/// An ensemble that learns, with the answers it learns from.
+#[derive(Debug)]
+pub struct Trainer {
+    ensemble: RewardEnsemble,
+    adam: nn::Optimizer,
+    pairs: Vec<Pair>,
+    foretold: Vec<Foretold>,
+}
+
+/// A [`SegmentPair`] in the ensemble's arithmetic.
+#[derive(Debug)]
+struct Pair {
+    /// `[2, k, F + A]`.
+    rows: Tensor,
+    label: Label,
+}
+
+impl Clone for Pair {
+    fn clone(&self) -> Self {
+        Self { rows: self.rows.shallow_clone(), label: self.label }
+    }
+}
+
+impl Trainer {
+    /// A trainer that goes on with `ensemble` and knows no answers yet.
+    pub fn new(ensemble: RewardEnsemble) -> Self {
+        Self { adam: adam(&ensemble), ensemble, pairs: Vec::new(), foretold: Vec::new() }
+    }
+
+    /// The ensemble as it stands.
+    pub fn ensemble(&self) -> &RewardEnsemble {
+        &self.ensemble
+    }
+
+    /// How many answers there are to learn from.
+    pub fn n_labels(&self) -> usize {
+        self.pairs.len()
+    }
+
+    /// Takes up an answer, after foretelling it: learned from is it only in the steps to come.
+    ///
+    /// # Panics
+    /// Where the segments are not [`SEGMENT_LEN`] rows of the ensemble's width.
+    pub fn learn(&mut self, pair: &SegmentPair) {
+        let shape = [SEGMENT_LEN as i64, self.ensemble.row_len()];
+        let rows = Tensor::stack(&[from_slice(&pair.left, &shape), from_slice(&pair.right, &shape)], 0);
+        let pair = Pair { rows: rows.to_kind(self.ensemble.kind), label: pair.label };
+        self.foretold.push(self.foretell(&pair));
+        self.pairs.push(pair);
+    }
+
+    /// How well the last [`RECENT`] answers were foretold before they were learned.
+    pub fn recent(&self) -> Option<Figures> {
+        Figures::of(&self.foretold[self.foretold.len().saturating_sub(RECENT)..])
+    }
+
+    /// How well all answers were foretold before they were learned.
+    pub fn overall(&self) -> Option<Figures> {
+        Figures::of(&self.foretold)
+    }
+
+    /// Fits a fresh ensemble to all answers, as the authors do: no validation split, a fixed number of epochs.
+    ///
+    /// Stops early, keeping what it has, where `on_epoch` breaks.
+    pub fn fit(
+        &mut self,
+        rng: &mut impl Rng,
+        mut on_epoch: impl FnMut(&EpochReport) -> ControlFlow<()>,
+    ) -> ControlFlow<()> {
+        self.begin_anew(rng);
+        let n_epochs = self.ensemble.config.epochs;
+        for epoch in 1..=n_epochs {
+            on_epoch(&EpochReport { epoch, n_epochs, losses: self.epoch(rng) })?;
+        }
+        ControlFlow::Continue(())
+    }
+
+    /// A few steps with what is known so far, for use while answers come in.
+    pub fn warm(&mut self, rng: &mut impl Rng) {
+        let n = self.pairs.len().min(self.ensemble.config.batch);
+        for _ in 0..if n == 0 { 0 } else { WARM_STEPS } {
+            let orders = self.orders(rng);
+            self.step(&orders.iter().map(|order| &order[..n]).collect::<Vec<_>>());
+        }
+    }
+
+    /// Goes through all answers once, each member in an order of its own, and returns the losses before the steps.
+    fn epoch(&mut self, rng: &mut impl Rng) -> Vec<f64> {
+        let (n, batch) = (self.pairs.len(), self.ensemble.config.batch);
+        let orders = self.orders(rng);
+        let mut losses = vec![0.0; orders.len()];
+        for start in (0..n).step_by(batch) {
+            let end = (start + batch).min(n);
+            let picks: Vec<_> = orders.iter().map(|order| &order[start..end]).collect();
+            for (mean, loss) in losses.iter_mut().zip(self.step(&picks)) {
+                *mean += f64::from(loss) * (end - start) as f64 / n as f64;
+            }
+        }
+        losses
+    }
+
+    /// Fits a fresh ensemble to all but `fraction` of the answers and says how well it foretells those.
+    ///
+    /// Nothing where `on_epoch` breaks, or where there are too few answers to split.
+    pub fn held_out(
+        &self,
+        fraction: f64,
+        rng: &mut impl Rng,
+        on_epoch: impl FnMut(&EpochReport) -> ControlFlow<()>,
+    ) -> Option<Figures> {
+        let mut pairs = self.pairs.clone();
+        pairs.shuffle(rng);
+        let held_out = pairs.split_off(pairs.len() - (fraction * pairs.len() as f64).round() as usize);
+        if pairs.is_empty() || held_out.is_empty() {
+            return None;
+        }
+        let mut rest = Self { pairs, ..Self::new(self.ensemble.fresh(rng)) };
+        if rest.fit(rng, on_epoch).is_break() {
+            return None;
+        }
+        Figures::of(&held_out.iter().map(|pair| rest.foretell(pair)).collect::<Vec<_>>())
+    }
+
+    fn begin_anew(&mut self, rng: &mut impl Rng) {
+        self.ensemble = self.ensemble.fresh(rng);
+        self.adam = adam(&self.ensemble);
+    }
+
+    /// For each member a permutation of the answers.
+    fn orders(&self, rng: &mut impl Rng) -> Vec<Vec<usize>> {
+        let mut order = || {
+            let mut order: Vec<_> = (0..self.pairs.len()).collect();
+            order.shuffle(rng);
+            order
+        };
+        (0..self.ensemble.config.members).map(|_| order()).collect()
+    }
+
+    /// Moves every member by one step on the pairs picked for it, and returns its loss before.
+    fn step(&mut self, picks: &[&[usize]]) -> Vec<f32> {
+        let picked = || picks.iter().copied().flatten().map(|&i| &self.pairs[i]);
+        let rows = Tensor::stack(&picked().map(|pair| &pair.rows).collect::<Vec<_>>(), 0);
+        let mus: Vec<f32> = picked().map(|pair| pair.label.mu()).collect();
+        let (e, k) = (picks.len() as i64, SEGMENT_LEN as i64);
+        let rows = rows.view([e, -1, 2, k, self.ensemble.row_len()]); // [E, B, 2, k, F + A]
+        let losses = loss(&self.ensemble.segment_returns(&rows), &Tensor::from_slice(&mus).view([e, -1]));
+        self.adam.backward_step(&losses.sum(Kind::Float));
+        to_vec(&losses.detach())
+    }
+
+    /// What the mean of the members expects of `pair`.
+    fn foretell(&self, pair: &Pair) -> Foretold {
+        let e = self.ensemble.config.members;
+        let returns = tch::no_grad(|| {
+            let rows = pair.rows.unsqueeze(0).unsqueeze(0); // [1, 1, 2, k, F + A]
+            self.ensemble.segment_returns(&rows.expand([e, -1, -1, -1, -1], false))
+        });
+        let returns = returns.mean_dim(0, false, Kind::Float); // [1, 2]
+        let gap = returns.double_value(&[0, 0]) - returns.double_value(&[0, 1]);
+        Foretold { p: 1.0 / (1.0 + (-gap).exp()), label: pair.label }
+    }
+}
+
+impl RewardEnsemble {
+    /// The return of every segment for every member: R̂(σ) = Σ over its rows of r̂.
+    ///
+    /// # Shapes
+    /// - `rows`: `[E, B, 2, k, F + A]`
+    /// - returns `[E, B, 2]`
+    fn segment_returns(&self, rows: &Tensor) -> Tensor {
+        let [e, b, sides, k, width] = dims(rows);
+        let rewards = self.forward(&rows.reshape([e, -1, width])); // [E, B · 2 · k]
+        rewards.view([e, b, sides, k]).sum_dim_intlist(-1, false, Kind::Float)
+    }
+
+    /// Another ensemble of the same shape that has learned nothing.
+    fn fresh(&self, rng: &mut impl Rng) -> Self {
+        let config: RewardConfig = self.config.clone();
+        Self::new(self.n_features, &self.world_model, config, rng).in_kind(self.kind)
+    }
+}
+
+/// The cross-entropy of soft labels under the Bradley–Terry model, for each member: [DROPJ](crate#references), Eq. 1.
+///
+/// ```text
+/// p = exp R̂⁰ / (exp R̂⁰ + exp R̂¹)
+/// ℓ = mean of −[μ ln p + (1 − μ) ln(1 − p)]
+/// ```
+///
+/// # Shapes
+/// - `returns`: `[E, B, 2]`, left and right; `mus`: `[E, B]`
+/// - returns nats, `[E]`
+fn loss(returns: &Tensor, mus: &Tensor) -> Tensor {
+    let gap = returns.select(2, 0) - returns.select(2, 1); // [E, B]
+    // −ln σ(g) = softplus(g) − g and −ln(1 − σ(g)) = softplus(g).
+    (gap.softplus() - mus * gap).mean_dim(1, false, Kind::Float)
+}
+
+/// Adam with PyTorch's β = 0.9, 0.999 and ε = 1e-8; one for all members is one for each, because their parameters are apart.
+fn adam(ensemble: &RewardEnsemble) -> nn::Optimizer {
+    let adam = nn::Adam::default().build(&ensemble.store, ensemble.config.learning_rate);
+    adam.unwrap_or_else(|e| unreachable!("plain numbers make an optimizer: {e}"))
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+    use rand::SeedableRng as _;
+    use rand_chacha::ChaCha8Rng;
+
+    use super::*;
+    use crate::query::{DreamId, Preference, Response, SafetyAnswer, Weights};
+    use crate::tensor::normal;
+
+    const F: i64 = 6;
+
+    fn rng(seed: u64) -> ChaCha8Rng {
+        ChaCha8Rng::seed_from_u64(seed)
+    }
+
+    fn label(answer: SafetyAnswer) -> Label {
+        Weights::car_racing().label(&Response::Safety(answer)).unwrap()
+    }
+
+    fn pair(answer: SafetyAnswer, seed: u64) -> SegmentPair {
+        let segment = |seed| to_vec(&normal(&mut rng(seed), &[SEGMENT_LEN as i64, F + 3]));
+        SegmentPair { left: segment(2 * seed), right: segment(2 * seed + 1), label: label(answer) }
+    }
+
+    /// Eight pairs, each labeled by nothing but chance: they can only be learned by heart.
+    fn trainer(config: RewardConfig) -> Trainer {
+        let mut trainer = Trainer::new(RewardEnsemble::new(F, "sha256:0", config, &mut rng(0)));
+        for i in 0..8 {
+            let answer = if i % 3 == 0 { SafetyAnswer::OnlyLeft } else { SafetyAnswer::OnlyRight };
+            trainer.learn(&pair(answer, i));
+        }
+        trainer
+    }
+
+    fn loss_of(gap: f32, mu: f32) -> f32 {
+        to_vec(&loss(&from_slice(&[gap, 0.0], &[1, 1, 2]), &from_slice(&[mu], &[1, 1])))[0]
+    }
+
+    #[test]
+    fn equal_returns_cost_the_logarithm_of_two() {
+        assert!((loss_of(0.0, 1.0) - 2.0f32.ln()).abs() < 1e-6);
+        assert!((loss_of(0.0, 0.75) - 2.0f32.ln()).abs() < 1e-6);
+    }
+
+    #[test]
+    fn a_label_of_three_quarters_is_met_by_a_gap_of_its_logit() {
+        let gap = Tensor::from(1.0986f32);
+        assert!((gap.sigmoid().double_value(&[]) - 0.75).abs() < 1e-5);
+        let least = loss_of(1.0986, 0.75);
+        assert!(least < loss_of(1.05, 0.75) && least < loss_of(1.15, 0.75), "the loss is least at the logit");
+    }
+
+    #[test]
+    fn a_small_ensemble_learns_eight_answers_by_heart() {
+        let mut trainer = trainer(RewardConfig { epochs: 60, ..RewardConfig::tiny() });
+        let mut last = Vec::new();
+        let done = trainer.fit(&mut rng(1), |report| {
+            last.clone_from(&report.losses);
+            ControlFlow::Continue(())
+        });
+        assert!(done.is_continue() && last.iter().all(|loss| *loss < 0.1), "{last:?}");
+        let all: Vec<_> = trainer.pairs.iter().map(|pair| trainer.foretell(pair)).collect();
+        assert_eq!(Figures::of(&all).unwrap().agreement, Some(1.0));
+    }
+
+    #[test]
+    fn with_no_learning_rate_nothing_moves() {
+        let mut trainer = trainer(RewardConfig { learning_rate: 0.0, ..RewardConfig::tiny() });
+        let before = trainer.ensemble().parameters();
+        trainer.warm(&mut rng(1));
+        trainer.epoch(&mut rng(2));
+        assert_eq!(trainer.ensemble().parameters().bytes(), before.bytes());
+    }
+
+    #[test]
+    fn the_same_seed_fits_the_same_ensemble() {
+        let fit = |seed| {
+            let mut trainer = trainer(RewardConfig::tiny());
+            assert!(
+                trainer.fit(&mut rng(seed), |_| ControlFlow::Continue(())).is_continue(),
+                "nobody stops it"
+            );
+            trainer.ensemble().parameters().hash()
+        };
+        assert_eq!(fit(1), fit(1));
+        assert_ne!(fit(1), fit(2));
+    }
+
+    #[test]
+    fn a_fit_stops_when_it_is_told_to() {
+        let mut n_epochs = 0;
+        let stopped = trainer(RewardConfig::tiny()).fit(&mut rng(0), |_| {
+            n_epochs += 1;
+            if n_epochs == 3 { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+        });
+        assert_eq!((stopped, n_epochs), (ControlFlow::Break(()), 3));
+    }
+
+    #[test]
+    fn an_answer_is_foretold_before_it_is_learned() {
+        let mut trainer = trainer(RewardConfig::tiny());
+        let surprising = pair(SafetyAnswer::OnlyLeft, 99);
+        let p = trainer.foretell(&Pair {
+            rows: from_slice(&[surprising.left.clone(), surprising.right.clone()].concat(), &[2, 20, F + 3]),
+            label: surprising.label,
+        });
+        trainer.learn(&surprising);
+        (0..50).for_each(|_| trainer.warm(&mut rng(0)));
+        assert!((trainer.foretold[8].p - p.p).abs() < 1e-2, "later steps do not change what was foretold");
+        assert_eq!(trainer.overall().map(|figures| figures.n), Some(9));
+    }
+
+    #[test]
+    fn answers_can_be_held_out() {
+        let trainer = trainer(RewardConfig::tiny());
+        let figures = trainer.held_out(0.25, &mut rng(0), |_| ControlFlow::Continue(()));
+        assert_eq!(figures.map(|figures| figures.n), Some(2));
+        assert_eq!(trainer.held_out(0.0, &mut rng(0), |_| ControlFlow::Continue(())), None);
+    }
+
+    #[test]
+    fn a_segment_is_twenty_rows_of_features_and_scaled_actions() {
+        let mut features = Rows { width: 2, values: Vec::new() };
+        (0..30).for_each(|t| features.push(&[t as f32, -(t as f32)]));
+        let actions = vec![Action::new(0.5, 0.0, 1.0); 30];
+        let rows = segment_rows(&features, &actions, SegmentRef { dream: DreamId(0), start: 10 });
+        assert_eq!(rows.len(), 20 * 5);
+        assert_eq!(rows[5..10], [11.0, -11.0, 0.5, -1.0, 1.0]);
+    }
+
+    proptest! {
+        #[test]
+        fn changing_the_sides_over_leaves_the_loss(gap in -20f32..20.0, mu in 0f32..=1.0) {
+            let (one, other) = (loss_of(gap, mu), loss_of(-gap, 1.0 - mu));
+            prop_assert!((one - other).abs() < 1e-4, "{one} and {other}");
+        }
+    }
+
+    #[test]
+    fn members_do_not_disturb_each_other() {
+        // One member alone and the same member beside another take the same steps: the loss is a sum.
+        let mut trainer = trainer(RewardConfig { learning_rate: 1e-3, ..RewardConfig::tiny() });
+        let before = to_vec(&trainer.ensemble.layers[0].weight.select(0, 1));
+        let rows = Tensor::stack(&[&trainer.pairs[0].rows, &trainer.pairs[1].rows], 0).unsqueeze(1);
+        let returns = trainer.ensemble.segment_returns(&rows);
+        let losses = loss(&returns, &from_slice(&[1.0, 0.0], &[2, 1]));
+        trainer.adam.backward_step(&losses.select(0, 0));
+        assert_eq!(to_vec(&trainer.ensemble.layers[0].weight.select(0, 1)), before);
+    }
+
+    #[test]
+    fn an_equal_answer_pulls_returns_together() {
+        let mut trainer = Trainer::new(RewardEnsemble::new(F, "sha256:0", RewardConfig::tiny(), &mut rng(0)));
+        trainer.learn(&pair(SafetyAnswer::Both(Preference::Equal), 4));
+        let apart = |trainer: &Trainer| (trainer.foretell(&trainer.pairs[0]).p - 0.5).abs();
+        let before = apart(&trainer);
+        (0..20).for_each(|_| trainer.warm(&mut rng(0)));
+        assert!(apart(&trainer) < before, "{} and {before}", apart(&trainer));
+    }
+}
