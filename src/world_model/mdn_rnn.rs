@@ -195,7 +195,7 @@ impl MdnRnn {
         let Memory { c, h } = Memory::zeros(b, &self.config);
         let input = Tensor::cat(&[zs, actions], 2);
         let is_training = Tensor::requires_grad(&self.lstm[0]);
-        let (hs, ..) = input.lstm(&[&h, &c], &self.lstm.each_ref(), true, 1, 0.0, is_training, false, true);
+        let (hs, ..) = input.lstm(&[&h.unsqueeze(0), &c.unsqueeze(0)], &self.lstm.each_ref(), true, 1, 0.0, is_training, false, true);
         hs
     }
 

@@ -1,0 +1,60 @@
+//! What a labeller and a researcher feel of the world model: a dream step with its picture, and a training update.
+//!
+//! One thread throughout; compare figures of one run only.
+
+use divan::Bencher;
+use dropj::dream::Dream;
+use dropj::env::Action;
+use dropj::tensor::adam::Adam;
+use dropj::tensor::normal;
+use dropj::world_model::{LatentState, MdnRnn, MdnRnnConfig, Vae, VaeConfig, WorldModelConfig, fast_kind, untrained};
+use rand::SeedableRng as _;
+use rand_chacha::ChaCha8Rng;
+use tch::{Device, Kind, Tensor, nn};
+
+fn main() {
+    tch::set_num_threads(1);
+    divan::main();
+}
+
+fn rng() -> ChaCha8Rng {
+    ChaCha8Rng::seed_from_u64(0)
+}
+
+/// One training update of 32 frames; items are frames.
+#[divan::bench(args = ["f32", "fast"], sample_count = 10)]
+fn vae_update(bencher: Bencher<'_, '_>, arithmetic: &str) {
+    let kind = if arithmetic == "f32" { Kind::Float } else { fast_kind() };
+    let store = nn::VarStore::new(Device::Cpu);
+    let vae = Vae::new(&store.root(), VaeConfig::car_racing(), kind, &mut rng());
+    let mut adam = Adam::new(&store);
+    let pixels = Tensor::rand([32, 84, 84, 3], (Kind::Float, Device::Cpu));
+    bencher.counter(divan::counter::ItemsCount::new(32_usize)).bench_local(|| {
+        let loss = vae.loss(&pixels, &normal(&mut rng(), &[32, 32]));
+        adam.step(&(loss.reconstruction + loss.divergence), 1e-4, None);
+    });
+}
+
+/// One training update of 32 stretches of 250 steps; items are steps.
+#[divan::bench(sample_count = 5)]
+fn mdn_rnn_update(bencher: Bencher<'_, '_>) {
+    let store = nn::VarStore::new(Device::Cpu);
+    let mdn_rnn = MdnRnn::new(&store.root(), MdnRnnConfig::car_racing(), &mut rng());
+    let mut adam = Adam::new(&store);
+    let (zs, actions) = (normal(&mut rng(), &[32, 250, 32]), normal(&mut rng(), &[32, 250, 3]));
+    bencher.counter(divan::counter::ItemsCount::new(32 * 250_usize)).bench_local(|| {
+        adam.step(&mdn_rnn.loss(&zs, &actions, &[250; 32]), 1e-4, Some(1.0));
+    });
+}
+
+/// What a dream does fifty times a second.
+#[divan::bench]
+fn dream_step_and_picture(bencher: Bencher<'_, '_>) {
+    let model = untrained(&WorldModelConfig::car_racing(), &mut rng());
+    let start = LatentState { z: vec![0.1; 32], c: vec![0.1; 256], h: vec![0.1; 256] };
+    let (mut dream, mut rng) = (Dream::new(&start, 0), rng());
+    bencher.bench_local(|| {
+        dream.step(&model, Action::default(), &mut rng);
+        dream.frame(&model)
+    });
+}
