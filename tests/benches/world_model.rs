@@ -1,4 +1,4 @@
-//! What a labeller and a researcher feel of the world model: a dream step with its picture, and a training update.
+//! What a labeler and a researcher feel of the world model: a dream step with its picture, and a training update.
 //!
 //! One thread throughout; compare figures of one run only.
 

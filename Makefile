@@ -1,0 +1,21 @@
+# The two commands of the README and their parts. Each can be repeated: what is there already is left alone.
+
+help: ## List what can be made
+	@sed -nE 's/^([a-z]+):.*## (.*)/make \1\t\2/p' Makefile
+
+run: setup ## Set up what is missing, build, open the window
+	cargo run --locked
+
+test: ## Set up what is missing, then run all checks and tests
+	@.ci/setup-system --test
+	@.ci/setup-libtorch
+	@.ci/check
+
+setup: ## Install the missing system packages (with apt) and libtorch (into .libtorch)
+	@.ci/setup-system
+	@.ci/setup-libtorch
+
+bench: setup ## Measure what a user feels: a plan, a dreamed step, a drawn frame
+	cargo bench --locked --profile dev --bench '*'
+
+.PHONY: help run test setup bench
