@@ -101,16 +101,27 @@ impl Trainer {
         self.pairs.len()
     }
 
-    /// Takes up an answer, after foretelling it: learned from is it only in the steps to come.
+    /// Takes up an answer, after foretelling it as is returned: learned from is it only in the steps to come.
     ///
     /// # Panics
     /// Where the segments are not [`SEGMENT_LEN`] rows of the ensemble's width.
-    pub fn learn(&mut self, pair: &SegmentPair) {
+    pub fn learn(&mut self, pair: &SegmentPair) -> Foretold {
         let shape = [SEGMENT_LEN as i64, self.ensemble.row_len()];
         let rows = Tensor::stack(&[from_slice(&pair.left, &shape), from_slice(&pair.right, &shape)], 0);
         let pair = Pair { rows: rows.to_kind(self.ensemble.kind), label: pair.label };
-        self.foretold.push(self.foretell(&pair));
+        let foretold = self.foretell(&pair);
+        self.foretold.push(foretold);
         self.pairs.push(pair);
+        foretold
+    }
+
+    /// Drops the answer at `idx`, in the order of taking up; what it has taught so far stays until the next fit.
+    ///
+    /// # Panics
+    /// Where there is none.
+    pub fn forget(&mut self, idx: usize) {
+        self.pairs.remove(idx);
+        self.foretold.remove(idx);
     }
 
     /// How well the last [`RECENT`] answers were foretold before they were learned.
@@ -139,13 +150,15 @@ impl Trainer {
         ControlFlow::Continue(())
     }
 
-    /// A few steps with what is known so far, for use while answers come in.
-    pub fn warm(&mut self, rng: &mut impl Rng) {
+    /// A few steps with what is known so far, for use while answers come in; returns the losses before the last.
+    pub fn warm(&mut self, rng: &mut impl Rng) -> Vec<f64> {
         let n = self.pairs.len().min(self.ensemble.config.batch);
+        let mut losses = Vec::new();
         for _ in 0..if n == 0 { 0 } else { WARM_STEPS } {
             let orders = self.orders(rng);
-            self.step(&orders.iter().map(|order| &order[..n]).collect::<Vec<_>>());
+            losses = self.step(&orders.iter().map(|order| &order[..n]).collect::<Vec<_>>());
         }
+        losses.into_iter().map(f64::from).collect()
     }
 
     /// Goes through all answers once, each member in an order of its own, and returns the losses before the steps.
@@ -374,9 +387,16 @@ mod tests {
             label: surprising.label,
         });
         trainer.learn(&surprising);
-        (0..50).for_each(|_| trainer.warm(&mut rng(0)));
+        (0..50).for_each(|_| drop(trainer.warm(&mut rng(0))));
         assert!((trainer.foretold[8].p - p.p).abs() < 1e-2, "later steps do not change what was foretold");
         assert_eq!(trainer.overall().map(|figures| figures.n), Some(9));
+    }
+
+    #[test]
+    fn a_forgotten_answer_counts_no_more() {
+        let mut trainer = trainer(RewardConfig::tiny());
+        trainer.forget(0);
+        assert_eq!((trainer.n_labels(), trainer.overall().map(|figures| figures.n)), (7, Some(7)));
     }
 
     #[test]
@@ -423,7 +443,7 @@ mod tests {
         trainer.learn(&pair(SafetyAnswer::Both(Preference::Equal), 4));
         let apart = |trainer: &Trainer| (trainer.foretell(&trainer.pairs[0]).p - 0.5).abs();
         let before = apart(&trainer);
-        (0..20).for_each(|_| trainer.warm(&mut rng(0)));
+        (0..20).for_each(|_| drop(trainer.warm(&mut rng(0))));
         assert!(apart(&trainer) < before, "{} and {before}", apart(&trainer));
     }
 }
