@@ -3,7 +3,20 @@
 //! The only module that starts a thread. A worker owns its models and shares nothing: what crosses a channel is plain
 //! data, and networks travel as [`Parameters`]. Only the live picture and the live action go through [`Latest`] slots.
 
+mod clock;
+mod gallery;
+#[cfg(test)]
+mod toy;
+
+pub mod clipper;
+pub mod dreamer;
+pub mod driver;
+pub mod modeler;
+pub mod recorder;
+pub mod trainer;
+
 use std::any::Any;
+use std::fmt::{self, Display};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::PathBuf;
 use std::sync::mpsc::{Receiver, Sender, channel};
@@ -12,7 +25,7 @@ use std::thread::JoinHandle;
 use std::time::Instant;
 
 use crate::dream::DreamEpisode;
-use crate::env::{Action, Frame};
+use crate::env::{Action, Env, Frame};
 use crate::evaluation::EpisodeMetrics;
 use crate::query::{DreamId, Label, Query, QueryId};
 use crate::session::DreamJournal;
@@ -186,7 +199,7 @@ pub enum DriverCommand {
 pub enum RecorderCommand {
     /// Starts an episode on the track of `seed`, kept in the dataset at `dataset`.
     Start {
-        /// The LeRobot folder.
+        /// The `LeRobot` folder.
         dataset: PathBuf,
         /// Of the track.
         seed: u64,
@@ -204,7 +217,7 @@ pub enum RecorderCommand {
 pub enum ModelerCommand {
     /// Fits one to the recordings at `dataset` and writes it to `out`.
     Fit {
-        /// The LeRobot folder.
+        /// The `LeRobot` folder.
         dataset: PathBuf,
         /// The file to write.
         out: PathBuf,
@@ -309,14 +322,19 @@ impl Reports {
         (self.wake)();
     }
 
+    /// Reports that the worker called `worker` has met `message`, and lives on.
+    pub(crate) fn fail(&self, worker: &'static str, message: impl Display) {
+        self.send(Report::Failed { worker, message: message.to_string() });
+    }
+
     /// Wakes the reader without a report: a slot has something new.
     pub fn wake(&self) {
         (self.wake)();
     }
 }
 
-impl std::fmt::Debug for Reports {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+impl fmt::Debug for Reports {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str("Reports")
     }
 }
@@ -373,6 +391,18 @@ fn panic_message(panic: &(dyn Any + Send)) -> String {
     format!("this is a bug of ours: {}", text.unwrap_or_else(|| "no message".to_owned()))
 }
 
+/// How large the real scene is drawn for people.
+const PICTURE: (u32, u32) = (600, 480);
+
+/// The real scene as a person sees it: width, height, RGB bytes.
+fn picture(env: &dyn Env, (width, height): (u32, u32)) -> (u32, u32, Arc<[u8]>) {
+    (width, height, env.picture(width, height).into())
+}
+
+/// Keeps libtorch to the calling thread: a second one that waits costs the window and the others more than it brings.
+fn one_thread() {
+    tch::set_num_threads(1);
+}
 
 #[cfg(test)]
 mod tests {
@@ -382,7 +412,9 @@ mod tests {
     fn a_worker_that_panics_says_so_and_takes_nobody_with_it() {
         let (reports, inbox) = Reports::new(|| ());
         let worker = Worker::<()>::spawn("test", &reports, |_, _| panic!("on purpose"));
-        let Report::Failed { worker: name, message } = inbox.recv().unwrap() else { panic!("another report") };
+        let Report::Failed { worker: name, message } = inbox.recv().unwrap() else {
+            panic!("another report")
+        };
         assert_eq!(name, "test");
         assert!(message.contains("on purpose"), "{message}");
         drop(worker);

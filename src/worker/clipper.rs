@@ -1,0 +1,93 @@
+//! Draws the clips of queries before they are asked.
+
+use std::collections::HashMap;
+use std::sync::Arc;
+use std::sync::mpsc::Receiver;
+
+use crate::dream::DreamEpisode;
+use crate::env::Frame;
+use crate::query::{DreamId, Query, SEGMENT_LEN, SegmentRef};
+use crate::tensor::{Parameters, from_slice};
+use crate::worker::{ClipperCommand, Report, Reports, Worker, one_thread};
+use crate::world_model::WorldModel;
+
+const NAME: &str = "clipper";
+
+/// Starts a thread that draws the clips of queries as `model` sees them.
+pub fn spawn(model: Parameters, reports: &Reports) -> Worker<ClipperCommand> {
+    Worker::spawn(NAME, reports, move |commands, reports| clip(&commands, &reports, model))
+}
+
+/// The body of the thread.
+pub fn clip(commands: &Receiver<ClipperCommand>, reports: &Reports, model: Parameters) -> Result<(), String> {
+    one_thread();
+    let model = WorldModel::load(model).map_err(|e| e.to_string())?;
+    let mut dreams = HashMap::new();
+    for command in commands {
+        match command {
+            ClipperCommand::AddDream(id, dream) => {
+                dreams.insert(id, dream);
+            }
+            ClipperCommand::Decode(query) => match decode(&model, &dreams, query) {
+                Ok((left, right)) => reports.send(Report::Clips { query, left, right }),
+                Err(e) => reports.fail(NAME, e),
+            },
+        }
+    }
+    Ok(())
+}
+
+/// Both clips, drawn in one batch.
+fn decode(
+    model: &WorldModel,
+    dreams: &HashMap<DreamId, Arc<DreamEpisode>>,
+    query: Query,
+) -> Result<(Vec<Frame>, Vec<Frame>), String> {
+    let mut zs = latents(dreams, query.left)?.to_vec();
+    zs.extend_from_slice(latents(dreams, query.right)?);
+    let mut left = model.decode(&from_slice(&zs, &[2 * SEGMENT_LEN as i64, -1]));
+    let right = left.split_off(SEGMENT_LEN);
+    Ok((left, right))
+}
+
+/// The latents of a segment, row after row.
+fn latents(dreams: &HashMap<DreamId, Arc<DreamEpisode>>, segment: SegmentRef) -> Result<&[f32], String> {
+    let SegmentRef { dream: id, start } = segment;
+    let zs = dreams.get(&id).map(|dream| &dream.zs);
+    let rows = zs.and_then(|zs| zs.values.get(start * zs.width..(start + SEGMENT_LEN) * zs.width));
+    rows.ok_or_else(|| {
+        format!("cannot draw a clip from step {start} of dream {}: it is not known here", id.0)
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::mpsc::channel;
+
+    use super::*;
+    use crate::worker::toy;
+
+    #[test]
+    fn clips_are_the_pictures_of_their_segments() {
+        let dream = Arc::new(toy::dream(1, 30));
+        let (known, unknown) = (toy::query(0, (7, 2), (7, 10)), toy::query(1, (7, 11), (8, 0)));
+        let (commands, heard) = channel();
+        commands.send(ClipperCommand::AddDream(DreamId(7), Arc::clone(&dream))).unwrap();
+        commands.send(ClipperCommand::Decode(unknown)).unwrap();
+        commands.send(ClipperCommand::Decode(known)).unwrap();
+        drop(commands);
+        let (reports, inbox) = Reports::new(|| ());
+        clip(&heard, &reports, toy::model().parameters().clone()).unwrap();
+
+        let Report::Failed { message, .. } = inbox.recv().unwrap() else { panic!("another report") };
+        assert!(message.contains("step 11 of dream 7"), "{message}");
+        let Report::Clips { query, left, right } = inbox.recv().unwrap() else { panic!("another report") };
+        assert_eq!((query, left.len(), right.len()), (known, SEGMENT_LEN, SEGMENT_LEN));
+        let alone = dream.frames(&toy::model(), 10..30);
+        let apart = right.iter().flat_map(Frame::rgb).zip(alone.iter().flat_map(Frame::rgb));
+        assert!(
+            apart.map(|(a, b)| a.abs_diff(*b)).max() <= Some(2),
+            "a batch rounds differently, but little"
+        );
+    }
+}

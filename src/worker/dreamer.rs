@@ -1,0 +1,254 @@
+//! Plays dreams: reads the controls, steps the model, and shows what it can.
+
+use std::sync::mpsc::Receiver;
+use std::time::{Duration, Instant};
+
+use rand::SeedableRng as _;
+use rand_chacha::ChaCha8Rng;
+
+use crate::dream::Dream;
+use crate::env::{Action, MAX_STEPS};
+use crate::session::DreamJournal;
+use crate::tensor::Parameters;
+use crate::worker::clock::{Allowance, Beat, Clock, held};
+use crate::worker::{DreamerCommand, Latest, LiveAction, LiveView, Report, Reports, Worker, one_thread};
+use crate::world_model::{LatentState, WorldModel};
+
+const NAME: &str = "dreamer";
+
+/// Starts a thread that plays dreams of `model`, drives them by `action` and shows them in `view`.
+pub fn spawn(
+    model: Parameters,
+    action: LiveAction,
+    view: Latest<LiveView>,
+    reports: &Reports,
+) -> Worker<DreamerCommand> {
+    Worker::spawn(NAME, reports, move |commands, reports| dream(&commands, &reports, model, &action, &view))
+}
+
+/// The body of the thread.
+pub fn dream(
+    commands: &Receiver<DreamerCommand>,
+    reports: &Reports,
+    model: Parameters,
+    action: &LiveAction,
+    view: &Latest<LiveView>,
+) -> Result<(), String> {
+    one_thread();
+    let model = WorldModel::load(model).map_err(|e| e.to_string())?;
+    let mut dreamer = Dreamer {
+        model,
+        reports,
+        action,
+        view,
+        clock: Clock::default(),
+        drawing: Allowance::default(),
+        live: None,
+    };
+    loop {
+        match dreamer.clock.wait(commands) {
+            Beat::Heard(command) => dreamer.hear(command),
+            Beat::Due => dreamer.tick(),
+            Beat::Over => return Ok(()),
+        }
+    }
+}
+
+/// What the thread owns.
+struct Dreamer<'a> {
+    model: WorldModel,
+    reports: &'a Reports,
+    action: &'a LiveAction,
+    view: &'a Latest<LiveView>,
+    clock: Clock,
+    drawing: Allowance,
+    live: Option<Live>,
+}
+
+/// A dream that is being driven.
+struct Live {
+    dream: Dream,
+    rng: ChaCha8Rng,
+    journal: Option<DreamJournal>,
+    /// Whether the journal has refused a step; then it is left as it is.
+    is_journal_broken: bool,
+    action: Action,
+}
+
+impl Live {
+    /// Writes down what is new, and says where that fails for the first time.
+    fn note(&mut self, reports: &Reports) {
+        let Some(journal) = self.journal.as_mut().filter(|_| !self.is_journal_broken) else { return };
+        if let Err(e) = journal.follow(self.dream.episode()) {
+            self.is_journal_broken = true;
+            reports.fail(
+                NAME,
+                format!("{e}; the dream goes on, but is lost if the program ends before it is kept"),
+            );
+        }
+    }
+}
+
+impl Dreamer<'_> {
+    fn hear(&mut self, command: DreamerCommand) {
+        match command {
+            DreamerCommand::Start { start, seed, journal } => {
+                self.finish();
+                self.start(&start, seed, journal);
+            }
+            DreamerCommand::Pause(pause) if self.live.is_some() => {
+                if pause {
+                    self.clock.stop();
+                } else {
+                    self.clock.start(Instant::now());
+                }
+                self.show(Duration::MAX);
+            }
+            DreamerCommand::Step if !self.clock.runs() => self.step(Instant::now()),
+            DreamerCommand::MarkUnsafe => {
+                if let Some(live) = &mut self.live {
+                    live.dream.mark_unsafe();
+                    live.note(self.reports);
+                }
+            }
+            DreamerCommand::Finish => self.finish(),
+            DreamerCommand::Discard => {
+                self.clock.stop();
+                let journal = self.live.take().and_then(|live| live.journal);
+                if let Some(Err(e)) = journal.map(DreamJournal::discard) {
+                    self.reports.fail(NAME, e);
+                }
+            }
+            DreamerCommand::Pause(_) | DreamerCommand::Step => {}
+        }
+    }
+
+    fn start(&mut self, start: &LatentState, seed: u64, journal: Option<DreamJournal>) {
+        let (dream, rng) = (Dream::new(start, seed), ChaCha8Rng::seed_from_u64(seed));
+        self.live = Some(Live { dream, rng, journal, is_journal_broken: false, action: Action::default() });
+        self.clock = Clock::default();
+        self.show(Duration::MAX);
+        self.clock.start(Instant::now());
+    }
+
+    fn tick(&mut self) {
+        let now = Instant::now();
+        self.clock.tick(now);
+        self.step(now);
+    }
+
+    /// One step; its picture may be left out, the step never.
+    fn step(&mut self, now: Instant) {
+        let Some(live) = &mut self.live else { return };
+        live.action = held(self.action, now);
+        live.dream.step(&self.model, live.action, &mut live.rng);
+        live.note(self.reports);
+        let is_long_enough = live.dream.episode().len() >= MAX_STEPS;
+        self.show(self.clock.time_left(Instant::now()));
+        if is_long_enough {
+            self.finish();
+        }
+    }
+
+    /// Draws the present, if there is time.
+    fn show(&mut self, time_left: Duration) {
+        let Some(live) = &self.live else { return };
+        let Some(Some(frame)) = self.drawing.spend(time_left, || live.dream.frame(&self.model)) else {
+            return;
+        };
+        self.view.put(LiveView {
+            frame,
+            picture: None,
+            step: live.dream.episode().len(),
+            action: live.action,
+            steps_per_sec: self.clock.steps_per_sec(),
+            n_late: self.clock.n_late(),
+            is_paused: !self.clock.runs(),
+            n_unsafe_marks: live.dream.episode().unsafe_marks.len(),
+        });
+        self.reports.wake();
+    }
+
+    fn finish(&mut self) {
+        self.clock.stop();
+        if let Some(Live { dream, journal, .. }) = self.live.take() {
+            self.reports.send(Report::Dreamt { episode: dream.finish(), journal });
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::mpsc::channel;
+
+    use super::*;
+    use crate::worker::toy;
+
+    /// What comes of `commands`, all of them heard before the first step is due.
+    fn reports_of(commands: impl IntoIterator<Item = DreamerCommand>, action: &LiveAction) -> Vec<Report> {
+        let (sender, heard) = channel();
+        commands.into_iter().for_each(|command| sender.send(command).unwrap());
+        drop(sender);
+        let (reports, inbox) = Reports::new(|| ());
+        dream(&heard, &reports, toy::model().parameters().clone(), action, &Latest::default()).unwrap();
+        drop(reports);
+        inbox.into_iter().collect()
+    }
+
+    fn start(seed: u64) -> DreamerCommand {
+        DreamerCommand::Start { start: toy::start(), seed, journal: None }
+    }
+
+    #[test]
+    fn a_dream_is_what_the_model_dreams_under_the_live_actions() {
+        let action = Latest::default();
+        action.put((Action::new(-1.0, 1.0, 0.0), Instant::now() + Duration::from_secs(1000)));
+        let steps =
+            [DreamerCommand::Step, DreamerCommand::Step, DreamerCommand::MarkUnsafe, DreamerCommand::Step];
+        let commands =
+            [start(5), DreamerCommand::Pause(true)].into_iter().chain(steps).chain([DreamerCommand::Finish]);
+        let reports = reports_of(commands, &action);
+        let [Report::Dreamt { episode, journal: None }] = &reports[..] else { panic!("{reports:?}") };
+
+        let (model, rng) = (toy::model(), &mut ChaCha8Rng::seed_from_u64(5));
+        let mut by_hand = Dream::new(&toy::start(), 5);
+        (0..3).for_each(|_| by_hand.step(&model, Action::new(-1.0, 1.0, 0.0), rng));
+        assert_eq!(episode.unsafe_marks, [2]);
+        assert_eq!((&episode.zs, &episode.actions), (&by_hand.episode().zs, &by_hand.episode().actions));
+    }
+
+    #[test]
+    fn a_discarded_dream_is_not_heard_of_again() {
+        let reports =
+            reports_of([start(0), DreamerCommand::Discard, DreamerCommand::Finish], &Latest::default());
+        assert!(reports.is_empty(), "{reports:?}");
+    }
+
+    #[test]
+    fn starting_again_ends_the_dream_before() {
+        let reports = reports_of([start(1), start(2)], &Latest::default());
+        assert!(matches!(&reports[..], [Report::Dreamt { episode, .. }] if episode.seed == 1), "{reports:?}");
+    }
+
+    #[test]
+    fn a_dream_ends_by_itself_after_a_thousand_steps() {
+        let steps = (0..MAX_STEPS + 5).map(|_| DreamerCommand::Step);
+        let reports =
+            reports_of([start(1), DreamerCommand::Pause(true)].into_iter().chain(steps), &Latest::default());
+        assert!(matches!(&reports[..], [Report::Dreamt { episode, .. }] if episode.len() == 1000));
+    }
+
+    #[test]
+    fn a_living_dream_is_shown_and_ends_with_its_worker() {
+        let (reports, inbox) = Reports::new(|| ());
+        let view = Latest::default();
+        let parameters = toy::model().parameters().clone();
+        let dreamer = spawn(parameters, Latest::default(), view.clone(), &reports);
+        dreamer.send(start(3));
+        while view.take().is_none_or(|view| view.step < 3) {
+            std::thread::yield_now();
+        }
+        drop(dreamer);
+        assert!(inbox.try_recv().is_err(), "it was neither finished nor in trouble");
+    }
+}

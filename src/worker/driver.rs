@@ -1,0 +1,280 @@
+//! Lets the planner drive the real car, and shows what it thought of.
+
+use std::sync::Arc;
+use std::sync::mpsc::Receiver;
+use std::time::Instant;
+
+use crate::env::{Env, Seed};
+use crate::evaluation::Tally;
+use crate::planner::{Agent, PlannerConfig};
+use crate::reward::RewardEnsemble;
+use crate::tensor::Parameters;
+use crate::worker::clock::{Allowance, Beat, Clock};
+use crate::worker::gallery::Gallery;
+use crate::worker::{
+    CandidateView, DriveView, DriverCommand, Latest, PICTURE, Report, Reports, Worker, one_thread, picture,
+};
+use crate::world_model::WorldModel;
+
+const NAME: &str = "driver";
+
+/// Starts a thread that drives `env` by planning in `model`, and shows it in `view`.
+pub fn spawn(
+    env: Box<dyn Env>,
+    model: Parameters,
+    config: PlannerConfig,
+    view: Latest<DriveView>,
+    reports: &Reports,
+) -> Worker<DriverCommand> {
+    Worker::spawn(NAME, reports, move |commands, reports| {
+        drive(&commands, &reports, env, model, config, &view)
+    })
+}
+
+/// The body of the thread.
+pub fn drive(
+    commands: &Receiver<DriverCommand>,
+    reports: &Reports,
+    env: Box<dyn Env>,
+    model: Parameters,
+    config: PlannerConfig,
+    view: &Latest<DriveView>,
+) -> Result<(), String> {
+    one_thread();
+    let model = WorldModel::load(model).map_err(|e| e.to_string())?;
+    let mut driver = Driver {
+        env,
+        model,
+        config,
+        reports,
+        view,
+        clock: Clock::default(),
+        reward: None,
+        waiting: None,
+        episode: None,
+    };
+    loop {
+        match driver.clock.wait(commands) {
+            Beat::Heard(command) => driver.hear(command),
+            Beat::Due => driver.tick(),
+            Beat::Over => return Ok(()),
+        }
+    }
+}
+
+/// What the thread owns.
+struct Driver<'a> {
+    env: Box<dyn Env>,
+    model: WorldModel,
+    config: PlannerConfig,
+    reports: &'a Reports,
+    view: &'a Latest<DriveView>,
+    clock: Clock,
+    reward: Option<RewardEnsemble>,
+    /// The track to drive as soon as there is a reward.
+    waiting: Option<u64>,
+    episode: Option<Episode>,
+}
+
+/// An episode that is being driven.
+struct Episode {
+    seed: u64,
+    agent: Agent,
+    tally: Tally,
+    n_steps: usize,
+    plan_ms: f32,
+    /// The plan that is being drawn.
+    drawing: Option<Gallery>,
+    allowance: Allowance,
+    /// The plan that was drawn last.
+    candidates: Arc<[CandidateView]>,
+    chosen: usize,
+}
+
+impl Driver<'_> {
+    fn hear(&mut self, command: DriverCommand) {
+        match command {
+            DriverCommand::Reward(parameters) => {
+                let wanted = self.model.hash();
+                let reward = RewardEnsemble::load(&parameters).and_then(|reward| {
+                    reward.require(&wanted)?;
+                    Ok(reward)
+                });
+                match reward {
+                    Ok(reward) => self.reward = Some(reward),
+                    Err(e) => return self.reports.fail(NAME, e),
+                }
+                if let Some(seed) = self.waiting.take() {
+                    self.start(seed);
+                }
+            }
+            DriverCommand::Drive { seed } if self.reward.is_some() => self.start(seed),
+            DriverCommand::Drive { seed } => self.waiting = Some(seed),
+            DriverCommand::Pause(pause) if self.episode.is_some() => {
+                if pause {
+                    self.clock.stop();
+                } else {
+                    self.clock.start(Instant::now());
+                }
+            }
+            DriverCommand::Pause(_) => {}
+            DriverCommand::Stop => {
+                self.clock.stop();
+                (self.waiting, self.episode) = (None, None);
+            }
+        }
+    }
+
+    fn start(&mut self, seed: u64) {
+        self.env.reset(Seed::Native(seed));
+        self.episode = Some(Episode {
+            seed,
+            agent: Agent::new(self.config.clone(), seed),
+            tally: Tally::default(),
+            n_steps: 0,
+            plan_ms: 0.0,
+            drawing: None,
+            allowance: Allowance::default(),
+            candidates: Arc::default(),
+            chosen: 0,
+        });
+        self.clock = Clock::default();
+        self.clock.start(Instant::now());
+    }
+
+    fn tick(&mut self) {
+        let (Some(reward), Some(episode)) = (&self.reward, &mut self.episode) else { return };
+        let began = Instant::now();
+        self.clock.tick(began);
+        let (action, plan) = episode.agent.act(&self.model, reward, &self.env.frame());
+        let plan_secs = plan.map(|_| began.elapsed().as_secs_f64());
+        if let Some(plan) = plan {
+            // Drawing takes longer than four steps: of the plans made meanwhile nothing is shown.
+            if episode.drawing.is_none() && self.view.is_empty() {
+                episode.drawing = Some(Gallery::new(plan.clone()));
+            }
+        }
+        episode.plan_ms = plan_secs.map_or(episode.plan_ms, |secs| (secs * 1000.0) as f32);
+        let outcome = self.env.advance(action);
+        episode.agent.acted(self.env.executed().unwrap_or(action));
+        episode.tally.add(&outcome, plan_secs);
+        episode.n_steps += 1;
+        self.draw();
+        self.show();
+        if outcome.end.is_some() {
+            self.finish();
+        }
+    }
+
+    /// Draws candidates while there is time.
+    fn draw(&mut self) {
+        let Some(episode) = &mut self.episode else { return };
+        let Some(mut gallery) = episode.drawing.take() else { return };
+        while !gallery.is_done() {
+            let left = self.clock.time_left(Instant::now());
+            if episode.allowance.spend(left, || gallery.draw_next(&self.model)).is_none() {
+                episode.drawing = Some(gallery);
+                return;
+            }
+        }
+        (episode.candidates, episode.chosen) = gallery.finish();
+    }
+
+    fn show(&self) {
+        let Some(episode) = self.episode.as_ref().filter(|_| self.view.is_empty()) else { return };
+        self.view.put(DriveView {
+            frame: self.env.frame(),
+            picture: picture(self.env.as_ref(), PICTURE),
+            step: episode.n_steps,
+            metrics: episode.tally.metrics(),
+            candidates: Arc::clone(&episode.candidates),
+            chosen: episode.chosen,
+            plan_ms: episode.plan_ms,
+        });
+        self.reports.wake();
+    }
+
+    fn finish(&mut self) {
+        self.clock.stop();
+        if let Some(Episode { seed, tally, .. }) = self.episode.take() {
+            self.reports.send(Report::Drove { seed, metrics: tally.metrics() });
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::mpsc::channel;
+
+    use rand::SeedableRng as _;
+    use rand_chacha::ChaCha8Rng;
+
+    use super::*;
+    use crate::reward::RewardConfig;
+    use crate::worker::toy::{self, Wall};
+
+    /// A reward that has learned nothing, over the features of the model with hash `world`.
+    fn reward(world: &str) -> DriverCommand {
+        let rng = &mut ChaCha8Rng::seed_from_u64(0);
+        DriverCommand::Reward(RewardEnsemble::new(36, world, RewardConfig::tiny(), rng).parameters())
+    }
+
+    fn driver(len: usize, view: &Latest<DriveView>, reports: &Reports) -> Worker<DriverCommand> {
+        let model = toy::model().parameters().clone();
+        spawn(Box::new(Wall::new(len)), model, PlannerConfig::car_racing(), view.clone(), reports)
+    }
+
+    #[test]
+    fn an_episode_begins_with_the_first_reward_and_ends_with_its_figures() {
+        let (reports, inbox) = Reports::new(|| ());
+        let driver = driver(6, &Latest::default(), &reports);
+        driver.send(DriverCommand::Drive { seed: 11 });
+        driver.send(reward(&toy::model().hash()));
+        let Report::Drove { seed: 11, metrics } = inbox.recv().unwrap() else { panic!("another report") };
+        assert_eq!(metrics.n_steps, 6);
+    }
+
+    #[test]
+    fn whoever_looks_sees_the_candidates() {
+        let (reports, _inbox) = Reports::new(|| ());
+        let view = Latest::default();
+        let driver = driver(1_000_000, &view, &reports);
+        driver.send(reward(&toy::model().hash()));
+        driver.send(DriverCommand::Drive { seed: 0 });
+        let seen = loop {
+            match view.take() {
+                Some(DriveView { candidates, .. }) if candidates.is_empty() => {}
+                Some(view) => break view,
+                None => std::thread::yield_now(),
+            }
+        };
+        drop(driver);
+        assert_eq!((seen.candidates.len(), seen.candidates[seen.chosen].frames.len()), (15, 3));
+        assert_eq!(seen.candidates[0].actions, "straight fast 15");
+        assert_eq!(seen.picture.2.len() as u32, 3 * seen.picture.0 * seen.picture.1);
+    }
+
+    #[test]
+    fn a_reward_of_another_world_and_a_stopped_episode_drive_nothing() {
+        let (commands, heard) = channel();
+        let good = reward(&toy::model().hash());
+        for command in [reward("sha256:0"), DriverCommand::Drive { seed: 0 }, DriverCommand::Stop, good] {
+            commands.send(command).unwrap();
+        }
+        drop(commands);
+        let (reports, inbox) = Reports::new(|| ());
+        let model = toy::model().parameters().clone();
+        drive(
+            &heard,
+            &reports,
+            Box::new(Wall::new(1)),
+            model,
+            PlannerConfig::car_racing(),
+            &Latest::default(),
+        )
+        .unwrap();
+        drop(reports);
+        let reports: Vec<_> = inbox.into_iter().collect();
+        assert!(matches!(&reports[..], [Report::Failed { worker: "driver", .. }]), "{reports:?}");
+    }
+}

@@ -1,0 +1,236 @@
+//! Lets a person drive the real car by hand, every step of it on disk before the next.
+
+use std::path::Path;
+use std::sync::mpsc::Receiver;
+use std::time::{Instant, SystemTime, UNIX_EPOCH};
+
+use crate::dataset::{Dataset, DatasetError, EpisodeInfo, Recording, StepRecord};
+use crate::env::{Action, Env, Frame, Seed};
+use crate::worker::clock::{Beat, Clock, held};
+use crate::worker::{
+    Latest, LiveAction, LiveView, PICTURE, RecorderCommand, Report, Reports, Worker, picture,
+};
+
+const NAME: &str = "recorder";
+/// The name of the driver in the recordings.
+const PILOT: &str = "person";
+
+/// Starts a thread that drives `env`, called `env_name` in recordings, by `action` and shows it in `view`.
+pub fn spawn(
+    env: Box<dyn Env>,
+    env_name: &str,
+    action: LiveAction,
+    view: Latest<LiveView>,
+    reports: &Reports,
+) -> Worker<RecorderCommand> {
+    let env_name = env_name.to_owned();
+    Worker::spawn(NAME, reports, move |commands, reports| {
+        record(&commands, &reports, env, &env_name, &action, &view);
+        Ok(())
+    })
+}
+
+/// The body of the thread.
+pub fn record(
+    commands: &Receiver<RecorderCommand>,
+    reports: &Reports,
+    env: Box<dyn Env>,
+    env_name: &str,
+    action: &LiveAction,
+    view: &Latest<LiveView>,
+) {
+    let mut recorder = Recorder { env, env_name, reports, action, view, clock: Clock::default(), take: None };
+    loop {
+        let done = match recorder.clock.wait(commands) {
+            Beat::Heard(command) => recorder.hear(command),
+            Beat::Due => recorder.tick(),
+            // An episode that is being driven stays in its journal.
+            Beat::Over => return,
+        };
+        if let Err(e) = done {
+            reports.fail(NAME, e);
+        }
+    }
+}
+
+/// What the thread owns.
+struct Recorder<'a> {
+    env: Box<dyn Env>,
+    env_name: &'a str,
+    reports: &'a Reports,
+    action: &'a LiveAction,
+    view: &'a Latest<LiveView>,
+    clock: Clock,
+    take: Option<Take>,
+}
+
+/// An episode that is being driven.
+struct Take {
+    /// Open, and so locked, only as long as this lives.
+    dataset: Dataset,
+    recording: Recording,
+    /// What is seen now.
+    frame: Frame,
+    action: Action,
+}
+
+impl Recorder<'_> {
+    fn hear(&mut self, command: RecorderCommand) -> Result<(), DatasetError> {
+        match command {
+            RecorderCommand::Start { dataset, seed } => {
+                self.end(false)?;
+                self.start(&dataset, seed)?;
+            }
+            RecorderCommand::Pause(pause) if self.take.is_some() => {
+                if pause {
+                    self.clock.stop();
+                } else {
+                    self.clock.start(Instant::now());
+                }
+                self.show();
+            }
+            RecorderCommand::Pause(_) => {}
+            RecorderCommand::Keep => self.end(false)?,
+            RecorderCommand::Discard => {
+                self.clock.stop();
+                self.take.take().map_or(Ok(()), |take| take.recording.discard())?;
+            }
+        }
+        Ok(())
+    }
+
+    fn start(&mut self, dataset: &Path, seed: u64) -> Result<(), DatasetError> {
+        let dataset = Dataset::create_or_open(dataset, self.env_name)?;
+        let info = EpisodeInfo { env: self.env_name.to_owned(), pilot: PILOT.to_owned(), seed };
+        let recording = dataset.begin(info)?;
+        self.env.reset(Seed::Native(seed));
+        self.take = Some(Take { dataset, recording, frame: self.env.frame(), action: Action::default() });
+        self.clock = Clock::default();
+        self.show();
+        self.clock.start(Instant::now());
+        Ok(())
+    }
+
+    fn tick(&mut self) -> Result<(), DatasetError> {
+        let now = Instant::now();
+        self.clock.tick(now);
+        let Some(take) = &mut self.take else { return Ok(()) };
+        take.action = held(self.action, now);
+        let wall_time_ns = nanos_since_1970();
+        let outcome = self.env.advance(take.action);
+        let step = StepRecord {
+            frame: std::mem::replace(&mut take.frame, self.env.frame()),
+            action: take.action,
+            reward: outcome.reward,
+            grass: outcome.events.grass,
+            wall_time_ns,
+        };
+        if let Err(e) = take.recording.push(&step) {
+            // With a step missing it would be another episode; what was driven so far is safe in the journal.
+            self.clock.stop();
+            self.take = None;
+            return Err(e);
+        }
+        self.show();
+        if outcome.end.is_some() { self.end(true) } else { Ok(()) }
+    }
+
+    /// Seals what was driven, unless that is nothing; `done` says whether the environment ended it.
+    fn end(&mut self, done: bool) -> Result<(), DatasetError> {
+        self.clock.stop();
+        let Some(Take { mut dataset, recording, frame, .. }) = self.take.take() else { return Ok(()) };
+        let n_steps = recording.n_steps();
+        if n_steps == 0 {
+            return recording.discard();
+        }
+        let episode = dataset.seal(recording, &frame, done)?;
+        drop(dataset);
+        self.reports.send(Report::Recorded { episode, n_steps });
+        Ok(())
+    }
+
+    fn show(&self) {
+        let Some(take) = &self.take else { return };
+        // The picture for people is costly: it is drawn only for somebody who looks.
+        if !self.view.is_empty() && self.clock.runs() {
+            return;
+        }
+        self.view.put(LiveView {
+            frame: take.frame.clone(),
+            picture: Some(picture(self.env.as_ref(), PICTURE)),
+            step: take.recording.n_steps(),
+            action: take.action,
+            steps_per_sec: self.clock.steps_per_sec(),
+            n_late: self.clock.n_late(),
+            is_paused: !self.clock.runs(),
+            n_unsafe_marks: 0,
+        });
+        self.reports.wake();
+    }
+}
+
+/// The wall clock; recordings keep it beside the step's number, so that nobody takes a slow loop for a steady one.
+fn nanos_since_1970() -> i64 {
+    SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_nanos() as i64)
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::mpsc::channel;
+
+    use super::*;
+    use crate::worker::toy::Wall;
+
+    #[test]
+    fn an_episode_that_the_environment_ends_is_on_disk() {
+        let dir = tempfile::tempdir().unwrap();
+        let (reports, inbox) = Reports::new(|| ());
+        let (action, view) = (Latest::default(), Latest::default());
+        let recorder = spawn(Box::new(Wall::new(5)), "wall", action.clone(), view.clone(), &reports);
+        action.put((Action::new(0.5, 1.0, 0.0), Instant::now() + std::time::Duration::from_secs(1000)));
+        recorder.send(RecorderCommand::Start { dataset: dir.path().to_owned(), seed: 9 });
+        let Report::Recorded { episode: 0, n_steps: 5 } = inbox.recv().unwrap() else {
+            panic!("another report")
+        };
+        drop(recorder);
+
+        let episode = Dataset::open(dir.path()).unwrap().episode(0).unwrap();
+        assert_eq!((episode.frames.len(), episode.done, episode.info.seed), (6, true, 9));
+        assert_eq!(episode.actions, [Action::new(0.5, 1.0, 0.0); 5]);
+        assert!(episode.frames.iter().enumerate().all(|(t, frame)| frame.rgb()[0] == t as u8));
+        let (width, height, rgb) = view.take().unwrap().picture.unwrap();
+        assert_eq!(rgb.len() as u32, 3 * width * height);
+    }
+
+    #[test]
+    fn what_was_not_driven_is_not_kept() {
+        let dir = tempfile::tempdir().unwrap();
+        let (commands, heard) = channel();
+        let start = || RecorderCommand::Start { dataset: dir.path().to_owned(), seed: 0 };
+        for command in [start(), RecorderCommand::Keep, start(), RecorderCommand::Discard] {
+            commands.send(command).unwrap();
+        }
+        drop(commands);
+        let (reports, inbox) = Reports::new(|| ());
+        record(&heard, &reports, Box::new(Wall::new(5)), "wall", &Latest::default(), &Latest::default());
+        drop(reports);
+        assert_eq!(inbox.into_iter().count(), 0);
+        let dataset = Dataset::create_or_open(dir.path(), "wall").unwrap();
+        assert!(dataset.is_empty() && dataset.unfinished().is_empty(), "nothing is left of either");
+    }
+
+    #[test]
+    fn an_episode_whose_worker_ends_can_be_recovered() {
+        let dir = tempfile::tempdir().unwrap();
+        let (reports, _inbox) = Reports::new(|| ());
+        let view = Latest::<LiveView>::default();
+        let recorder = spawn(Box::new(Wall::new(1000)), "wall", Latest::default(), view.clone(), &reports);
+        recorder.send(RecorderCommand::Start { dataset: dir.path().to_owned(), seed: 0 });
+        while view.take().is_none_or(|view| view.step < 2) {
+            std::thread::yield_now();
+        }
+        drop(recorder);
+        let dataset = Dataset::create_or_open(dir.path(), "wall").unwrap();
+        assert!(dataset.unfinished()[0].n_steps >= 2, "{:?}", dataset.unfinished());
+    }
+}

@@ -1,0 +1,404 @@
+//! Learns a reward while answers come in, and fits it to the end when asked.
+
+use std::collections::{BTreeMap, HashMap, VecDeque};
+use std::ops::ControlFlow;
+use std::sync::Arc;
+use std::sync::mpsc::{Receiver, RecvTimeoutError, TryRecvError};
+use std::time::{Duration, Instant};
+
+use rand::SeedableRng as _;
+use rand_chacha::ChaCha8Rng;
+
+use crate::dream::{DreamEpisode, Rows};
+use crate::query::{DreamId, Label, Query, QueryId, SEGMENT_LEN, SegmentRef};
+use crate::reward::figures::{Figures, Foretold};
+use crate::reward::{RewardConfig, RewardEnsemble, SegmentPair, Trainer, segment_rows};
+use crate::tensor::Parameters;
+use crate::worker::{Learning, Report, Reports, TrainerCommand, Worker, one_thread};
+use crate::world_model::WorldModel;
+
+const NAME: &str = "trainer";
+/// From so many answers on, something can be learned from them, and something be said about them.
+const MIN_LABELS: usize = 10;
+/// The most that is learned at one go, in calls of [`Trainer::warm`]: a session with many answers was just opened.
+const MAX_OWED: usize = 60;
+/// An answer was foretold by a reward that had learned the others, where no more than so much was owed.
+const UP_TO_DATE: usize = 2;
+/// How many of the latest foretold answers the figures look back on.
+const RECENT: usize = 50;
+/// Parameters are handed on no more often than this.
+const HAND_ON_EVERY: Duration = Duration::from_secs(1);
+
+/// Starts a thread that learns a reward of the given shape over what `model` dreams.
+pub fn spawn(model: Parameters, config: RewardConfig, reports: &Reports) -> Worker<TrainerCommand> {
+    Worker::spawn(NAME, reports, move |commands, reports| train(&commands, &reports, model, config))
+}
+
+/// The body of the thread.
+pub fn train(
+    commands: &Receiver<TrainerCommand>,
+    reports: &Reports,
+    model: Parameters,
+    config: RewardConfig,
+) -> Result<(), String> {
+    one_thread();
+    let model = WorldModel::load(model).map_err(|e| e.to_string())?;
+    let mut learner = Learner::new(model, config, reports);
+    let mut waiting = VecDeque::new();
+    loop {
+        let next = waiting.pop_front().map_or_else(|| learner.wait(commands), Ok);
+        match next {
+            Ok(TrainerCommand::Fit { seed }) => learner.fit(seed, commands, &mut waiting),
+            Ok(command) => learner.hear(command),
+            Err(RecvTimeoutError::Timeout) => learner.go_on(),
+            Err(RecvTimeoutError::Disconnected) => return Ok(()),
+        }
+    }
+}
+
+/// What the thread owns.
+struct Learner<'a> {
+    model: WorldModel,
+    config: RewardConfig,
+    reports: &'a Reports,
+    dreams: HashMap<DreamId, Known>,
+    /// All that counts, in the order in which a full fit takes it up.
+    answers: BTreeMap<QueryId, (Query, Label)>,
+    trainer: Trainer,
+    /// The answers of the trainer, in its order.
+    order: Vec<QueryId>,
+    foretold: Vec<(QueryId, Foretold)>,
+    rng: ChaCha8Rng,
+    /// Calls of [`Trainer::warm`] that new answers have earned.
+    owed: usize,
+    n_warm: usize,
+    /// When parameters were last handed on, and whether newer ones wait.
+    handed_on: Option<Instant>,
+    has_news: bool,
+}
+
+/// A dream, and the features of its steps once they are needed.
+struct Known {
+    episode: Arc<DreamEpisode>,
+    features: Option<Rows>,
+}
+
+impl<'a> Learner<'a> {
+    fn new(model: WorldModel, config: RewardConfig, reports: &'a Reports) -> Self {
+        let mut rng = ChaCha8Rng::seed_from_u64(0);
+        let ensemble =
+            RewardEnsemble::new(model.config().n_features(), &model.hash(), config.clone(), &mut rng);
+        Self {
+            model,
+            config,
+            reports,
+            dreams: HashMap::new(),
+            answers: BTreeMap::new(),
+            trainer: Trainer::new(ensemble),
+            order: Vec::new(),
+            foretold: Vec::new(),
+            rng,
+            owed: 0,
+            n_warm: 0,
+            handed_on: None,
+            has_news: false,
+        }
+    }
+
+    /// The next command; a time-out means that there is something to do meanwhile.
+    fn wait(&self, commands: &Receiver<TrainerCommand>) -> Result<TrainerCommand, RecvTimeoutError> {
+        if self.is_behind() {
+            return commands.recv_timeout(Duration::ZERO);
+        }
+        if self.has_news {
+            let since = self.handed_on.map_or(HAND_ON_EVERY, |handed_on| handed_on.elapsed());
+            return commands.recv_timeout(HAND_ON_EVERY.saturating_sub(since));
+        }
+        commands.recv().map_err(|_| RecvTimeoutError::Disconnected)
+    }
+
+    fn is_behind(&self) -> bool {
+        self.owed > 0 && self.order.len() >= MIN_LABELS
+    }
+
+    fn hear(&mut self, command: TrainerCommand) {
+        match command {
+            TrainerCommand::AddDream(id, episode) => {
+                self.dreams.insert(id, Known { episode, features: None });
+            }
+            TrainerCommand::Learn(query, label) => {
+                if let Err(e) = self.learn(query, label) {
+                    self.reports.fail(NAME, e);
+                }
+            }
+            TrainerCommand::Forget(id) => {
+                self.foretold.retain(|(query, _)| *query != id);
+                if self.answers.remove(&id).is_some() {
+                    self.drop_pair(id);
+                    self.owed = (self.owed + 1).min(MAX_OWED);
+                }
+            }
+            TrainerCommand::Fit { .. } => unreachable!("a fit hears commands itself"),
+        }
+    }
+
+    fn learn(&mut self, query: Query, label: Label) -> Result<(), String> {
+        if self.answers.get(&query.id) == Some(&(query, label)) {
+            return Ok(());
+        }
+        let pair = self.pair(query, label)?;
+        if self.answers.insert(query.id, (query, label)).is_some() {
+            self.drop_pair(query.id);
+        }
+        let can_foretell = self.order.len() >= MIN_LABELS && self.owed <= UP_TO_DATE;
+        let foretold = self.trainer.learn(&pair);
+        self.order.push(query.id);
+        // A changed answer was foretold when it was first given: now it is no longer new.
+        match self.foretold.iter_mut().find(|(id, _)| *id == query.id) {
+            Some((_, earlier)) => earlier.label = label,
+            None if can_foretell => self.foretold.push((query.id, foretold)),
+            None => {}
+        }
+        self.owed = (self.owed + 1).min(MAX_OWED);
+        Ok(())
+    }
+
+    fn drop_pair(&mut self, id: QueryId) {
+        if let Some(at) = self.order.iter().position(|known| *known == id) {
+            self.order.remove(at);
+            self.trainer.forget(at);
+        }
+    }
+
+    /// Both segments as the reward reads them.
+    fn pair(&mut self, query: Query, label: Label) -> Result<SegmentPair, String> {
+        let (left, right) = (self.rows(query.left)?, self.rows(query.right)?);
+        Ok(SegmentPair { left, right, label })
+    }
+
+    fn rows(&mut self, segment: SegmentRef) -> Result<Vec<f32>, String> {
+        let SegmentRef { dream: id, start } = segment;
+        let known = self.dreams.get_mut(&id).filter(|known| start + SEGMENT_LEN <= known.episode.len());
+        let Some(Known { episode, features }) = known else {
+            return Err(format!("cannot learn from step {start} of dream {}: it is not known here", id.0));
+        };
+        let features = features.get_or_insert_with(|| episode.features(&self.model));
+        Ok(segment_rows(features, &episode.actions, segment))
+    }
+
+    /// A few steps, or handing on what they brought.
+    fn go_on(&mut self) {
+        if self.is_behind() {
+            let losses = self.trainer.warm(&mut self.rng);
+            self.owed -= 1;
+            self.n_warm += 1;
+            self.has_news = true;
+            self.reports.send(Report::Learning(self.learning(self.n_warm, &losses, None)));
+        }
+        let is_time = self.handed_on.is_none_or(|handed_on| handed_on.elapsed() >= HAND_ON_EVERY);
+        if self.has_news && is_time {
+            self.hand_on(None);
+        }
+    }
+
+    fn hand_on(&mut self, fit: Option<(u64, Vec<f32>)>) {
+        (self.handed_on, self.has_news) = (Some(Instant::now()), false);
+        let parameters = self.trainer.ensemble().parameters();
+        self.reports.send(Report::Learned { parameters, n_labels: self.order.len(), fit });
+    }
+
+    /// Fits a fresh ensemble to all answers, the same for the same answers and seed whatever was learned before.
+    ///
+    /// What is heard meanwhile goes to `waiting`; another fit, or the end of commands, ends this one.
+    fn fit(
+        &mut self,
+        seed: u64,
+        commands: &Receiver<TrainerCommand>,
+        waiting: &mut VecDeque<TrainerCommand>,
+    ) {
+        let mut rng = ChaCha8Rng::seed_from_u64(seed);
+        let (n_features, world) = (self.model.config().n_features(), self.model.hash());
+        let mut trainer =
+            Trainer::new(RewardEnsemble::new(n_features, &world, self.config.clone(), &mut rng));
+        let answers: Vec<_> = self.answers.values().copied().collect();
+        if answers.is_empty() {
+            return self.reports.fail(NAME, "there are no answers to learn from yet");
+        }
+        for (query, label) in answers {
+            match self.pair(query, label) {
+                Ok(pair) => drop(trainer.learn(&pair)),
+                Err(e) => return self.reports.fail(NAME, e),
+            }
+        }
+        let mut last = Vec::new();
+        let done = trainer.fit(&mut rng, |report| {
+            let learning = self.learning(report.epoch, &report.losses, Some(report.n_epochs));
+            self.reports.send(Report::Learning(learning));
+            last = report.losses.iter().map(|loss| *loss as f32).collect();
+            loop {
+                match commands.try_recv() {
+                    Ok(command) => waiting.push_back(command),
+                    Err(TryRecvError::Disconnected) => return ControlFlow::Break(()),
+                    Err(TryRecvError::Empty) => break,
+                }
+            }
+            let is_overtaken = waiting.iter().any(|command| matches!(command, TrainerCommand::Fit { .. }));
+            if is_overtaken { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+        });
+        if done.is_continue() {
+            self.trainer = trainer;
+            self.order = self.answers.keys().copied().collect();
+            (self.owed, self.n_warm) = (0, 0);
+            self.hand_on(Some((seed, last)));
+        }
+    }
+
+    fn learning(&self, epoch: usize, losses: &[f64], fit_epochs: Option<usize>) -> Learning {
+        let recent = &self.foretold[self.foretold.len().saturating_sub(RECENT)..];
+        let figures = Figures::of(&recent.iter().map(|(_, foretold)| *foretold).collect::<Vec<_>>());
+        let figures = figures.filter(|figures| figures.n >= MIN_LABELS);
+        Learning {
+            epoch,
+            losses: losses.iter().map(|loss| *loss as f32).collect(),
+            held_out_loss: figures.map(|figures| figures.log_loss as f32),
+            agreement: figures.and_then(|figures| figures.agreement).map(|agreement| agreement as f32),
+            n_labels: self.order.len(),
+            fit_epochs,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::mpsc::channel;
+
+    use super::*;
+    use crate::query::{Response, SafetyAnswer, Weights};
+    use crate::tensor::to_vec;
+    use crate::worker::toy;
+
+    fn answer(id: u32, answer: SafetyAnswer) -> TrainerCommand {
+        let label = Weights::car_racing().label(&Response::Safety(answer)).unwrap();
+        TrainerCommand::Learn(toy::query(id, (0, id as usize % 40), (1, id as usize * 7 % 40)), label)
+    }
+
+    fn answers(ids: impl IntoIterator<Item = u32>) -> Vec<TrainerCommand> {
+        let side =
+            |id: u32| if id.is_multiple_of(3) { SafetyAnswer::OnlyLeft } else { SafetyAnswer::OnlyRight };
+        ids.into_iter().map(|id| answer(id, side(id))).collect()
+    }
+
+    /// What comes of `commands`, given two dreams.
+    fn reports_of(commands: impl IntoIterator<Item = TrainerCommand>) -> Vec<Report> {
+        let (sender, heard) = channel();
+        for id in 0..2 {
+            let dream = Arc::new(toy::dream(id, 60));
+            sender.send(TrainerCommand::AddDream(DreamId(id as u32), dream)).unwrap();
+        }
+        commands.into_iter().for_each(|command| sender.send(command).unwrap());
+        let (reports, inbox) = Reports::new(|| ());
+        let model = toy::model().parameters().clone();
+        drop(sender);
+        train(&heard, &reports, model, RewardConfig::tiny()).unwrap();
+        drop(reports);
+        inbox.into_iter().collect()
+    }
+
+    /// The parameters after a full fit with seed 4, which nothing interrupts, after `commands`.
+    fn fitted(commands: Vec<TrainerCommand>) -> (Parameters, usize) {
+        let (reports, inbox) = Reports::new(|| ());
+        let trainer = spawn(toy::model().parameters().clone(), RewardConfig::tiny(), &reports);
+        for id in 0..2 {
+            trainer.send(TrainerCommand::AddDream(DreamId(id as u32), Arc::new(toy::dream(id, 60))));
+        }
+        for command in commands {
+            trainer.send(command);
+        }
+        trainer.send(TrainerCommand::Fit { seed: 4 });
+        let ended = inbox.iter().find_map(|report| match report {
+            Report::Learned { parameters, n_labels, fit: Some((4, _)) } => Some((parameters, n_labels)),
+            Report::Failed { message, .. } => panic!("{message}"),
+            _ => None,
+        });
+        ended.unwrap()
+    }
+
+    #[test]
+    fn the_same_answers_and_seed_fit_the_same_reward_however_they_came_about() {
+        let (plain, n) = fitted(answers(0..12));
+        let mut detour = answers((0..14).rev());
+        detour.insert(5, answer(3, SafetyAnswer::Neither));
+        detour.extend([12, 13].map(|id| TrainerCommand::Forget(QueryId(id))));
+        let (other, n_other) = fitted(detour);
+        assert_eq!((n, n_other), (12, 12));
+        for name in ["reward.0.weight", "reward.2.bias"] {
+            let [one, other] = [&plain, &other].map(|parameters| to_vec(&parameters.tensor(name).unwrap()));
+            assert!(one == other, "the fits differ in {name}");
+        }
+    }
+
+    #[test]
+    fn enough_answers_warm_the_reward_and_hand_it_on() {
+        let (reports, inbox) = Reports::new(|| ());
+        let trainer = spawn(toy::model().parameters().clone(), RewardConfig::tiny(), &reports);
+        for id in 0..2 {
+            trainer.send(TrainerCommand::AddDream(DreamId(id as u32), Arc::new(toy::dream(id, 60))));
+        }
+        for command in answers(0..MIN_LABELS as u32) {
+            trainer.send(command);
+        }
+        let first = inbox.recv().unwrap();
+        let Report::Learning(Learning { epoch: 1, n_labels, fit_epochs: None, losses, .. }) = first else {
+            panic!("{first:?}")
+        };
+        assert_eq!((n_labels, losses.len()), (MIN_LABELS, 2));
+        let handed_on = inbox.iter().find_map(|report| match report {
+            Report::Learned { parameters, fit: None, .. } => Some(parameters),
+            _ => None,
+        });
+        let ensemble = RewardEnsemble::load(&handed_on.unwrap()).unwrap();
+        assert!(ensemble.require(&toy::model().hash()).is_ok(), "it names the model it was learned in");
+    }
+
+    #[test]
+    fn too_few_answers_are_only_taken_up() {
+        assert!(reports_of(answers(0..MIN_LABELS as u32 - 1)).is_empty());
+    }
+
+    #[test]
+    fn what_cannot_be_learned_is_said_in_a_sentence() {
+        let label = Weights::car_racing().label(&Response::Safety(SafetyAnswer::Neither)).unwrap();
+        let unknown = TrainerCommand::Learn(toy::query(0, (0, 41), (9, 0)), label);
+        let reports = reports_of([unknown, TrainerCommand::Fit { seed: 0 }]);
+        let [Report::Failed { message: one, .. }, Report::Failed { message: other, .. }] = &reports[..]
+        else {
+            panic!("{reports:?}")
+        };
+        assert!(one.contains("step 41 of dream 0") && other.contains("no answers"), "{one}; {other}");
+    }
+
+    #[test]
+    fn a_changed_answer_is_not_foretold_again() {
+        let (reports, _inbox) = Reports::new(|| ());
+        let mut learner = Learner::new(toy::model(), RewardConfig::tiny(), &reports);
+        for id in 0..2 {
+            learner.hear(TrainerCommand::AddDream(DreamId(id as u32), Arc::new(toy::dream(id, 60))));
+        }
+        for command in answers(0..20) {
+            learner.hear(command);
+        }
+        assert!(learner.foretold.is_empty(), "a reward that has learned nothing foretells nothing");
+        while learner.is_behind() {
+            learner.go_on();
+        }
+        for command in answers(20..22) {
+            learner.hear(command);
+        }
+        let before = learner.foretold.clone();
+        learner.hear(answer(20, SafetyAnswer::Neither));
+        assert_eq!(learner.foretold[0].1, Foretold { label: Label::EQUAL, ..before[0].1 });
+        learner.hear(TrainerCommand::Forget(QueryId(20)));
+        assert_eq!(learner.foretold, before[1..]);
+        assert_eq!((learner.order.len(), learner.trainer.n_labels()), (21, 21));
+    }
+}
