@@ -2,15 +2,17 @@
 #![expect(clippy::unwrap_used, reason = "a failing test may panic")]
 
 use std::io::{BufRead as _, BufReader};
+use std::ops::ControlFlow;
 use std::path::Path;
 use std::process::{Command, Stdio};
 
 use dropj::dream::{Dream, DreamEpisode};
 use dropj::env::Action;
 use dropj::query::{
-    DreamId, Preference, Protocol, Query, QueryId, Response, SafetyAnswer, SegmentRef, Weights,
+    DreamId, LabeledQuery, Preference, Protocol, Query, QueryId, Response, SafetyAnswer, SegmentRef, Weights,
     sample_queries,
 };
+use dropj::reward::{RewardConfig, RewardEnsemble, SegmentPair, Trainer, segment_rows};
 use dropj::session::{
     Answer, Choice, DreamSource, Event, Fit, Header, SessionError, SessionStore, recent, replay,
 };
@@ -101,13 +103,47 @@ fn a_replay_reads_every_dream_and_clip_and_writes_nothing() {
     // The session is still open: reading needs no lock.
     let replayed = replay(&dir, &model).unwrap();
     assert_eq!(replayed.session, *store.session());
-    assert_eq!(replayed.fits[0].1.len(), labeled_at_the_fit);
+    assert_eq!(replayed.fits[0].labels.len(), labeled_at_the_fit);
     assert_eq!(replayed.session.labeled().len(), 3);
     assert_eq!(replayed.clips, replay(&dir, &model).unwrap().clips);
     let asked = store.session().queries().iter().map(|asked| asked.query.left);
     for SegmentRef { dream, start } in asked {
         assert!(replayed.clips.contains_key(&(dream, start)), "dream {} from {start}", dream.0);
     }
+}
+
+#[test]
+fn a_reward_that_is_learned_again_has_the_losses_of_the_log() {
+    let (dir, model) = (tempfile::tempdir().unwrap(), model(1));
+    let dir = dir.path().join("s");
+    let mut store = small(&dir, &model);
+    let (after, seed) = (store.session().n_entries(), 5);
+    let rng = &mut ChaCha8Rng::seed_from_u64(seed);
+    let (n_features, config) = (model.config().n_features(), RewardConfig::tiny());
+    let epochs = config.epochs as u32;
+    let mut trainer = Trainer::new(RewardEnsemble::new(n_features, &model.hash(), config, rng));
+    let labeled = store.session().labeled();
+    for LabeledQuery { query, label } in &labeled {
+        let rows = |segment: SegmentRef| {
+            let episode = store.dream(segment.dream).unwrap();
+            segment_rows(&episode.features(&model), &episode.actions, segment)
+        };
+        trainer.learn(&SegmentPair { left: rows(query.left), right: rows(query.right), label: *label });
+    }
+    let mut losses = Vec::new();
+    let done = trainer.fit(rng, |report| {
+        losses = report.losses.iter().map(|loss| *loss as f32).collect();
+        ControlFlow::Continue(())
+    });
+    assert!(done.is_continue(), "nobody stops it");
+    let fit = Fit { after, n_labels: labeled.len(), seed, epochs, losses: losses.clone(), held_out: None };
+    store.record(answered(QueryId(3), SafetyAnswer::Neither)).unwrap();
+    store.save_reward(&trainer.ensemble().parameters(), fit).unwrap();
+    let replayed = replay(&dir, &model).unwrap();
+    let again = replayed.refit(&model, &replayed.fits[0]).unwrap();
+    assert_eq!(again, losses, "the same processor computes the same");
+    assert!(replayed.fits[0].agrees(&again), "and that is within the tolerance");
+    assert!(!replayed.fits[0].agrees(&[losses[0] + 0.1, losses[1]]), "another loss is not");
 }
 
 #[test]

@@ -4,6 +4,7 @@ use std::io;
 use std::path::{Path, PathBuf};
 
 use crate::query::{DreamId, Protocol, QueryId, SegmentRef};
+use crate::reward::RewardError;
 use crate::tensor::ParametersError;
 use crate::world_model::WorldModelError;
 
@@ -207,6 +208,14 @@ pub enum SessionError {
         /// What was met.
         met: ParametersError,
         /// Their path.
+        path: PathBuf,
+    },
+    /// A file does not hold a reward.
+    #[error("{met}: {path:?}")]
+    Reward {
+        /// What was met.
+        met: RewardError,
+        /// Its path.
         path: PathBuf,
     },
     /// The world model cannot be built.

@@ -21,6 +21,7 @@ pub mod export;
 pub mod header;
 pub mod journal;
 pub mod log;
+pub mod recent;
 pub mod replay;
 pub mod statistics;
 pub mod store;
@@ -33,9 +34,10 @@ pub use error::{Impossible, SessionError};
 pub use event::{Answer, Choice, DreamSource, Entry, Event, Fit, KeptDream};
 pub use header::{Config, FORMAT, Header};
 pub use journal::{DreamJournal, UnfinishedDream};
-pub use replay::{Replay, replay};
+pub use recent::{Recent, recent};
+pub use replay::{REFIT_TOLERANCE, Replay, ReplayedFit, replay};
 pub use statistics::Statistics;
-pub use store::{Recent, SessionStore, recent};
+pub use store::SessionStore;
 
 /// An answer and the line that tells of it.
 #[derive(Clone, Debug, PartialEq)]

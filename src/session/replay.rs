@@ -1,21 +1,33 @@
 //! Going through a session again from its files alone: its state, its clips, and what was learned.
 
-use std::collections::{BTreeMap, BTreeSet};
-use std::path::Path;
+use std::collections::{BTreeMap, BTreeSet, btree_map};
+use std::ops::ControlFlow;
+use std::path::{Path, PathBuf};
 
+use rand::SeedableRng as _;
+use rand_chacha::ChaCha8Rng;
+
+use crate::dream::{DreamEpisode, Rows};
 use crate::env::Frame;
 use crate::query::{DreamId, LabeledQuery, SEGMENT_LEN, SegmentRef};
+use crate::reward::{RewardEnsemble, SegmentPair, Trainer, segment_rows};
 use crate::session::error::SessionError;
-use crate::session::event::Fit;
 use crate::session::header::Header;
-use crate::session::store::{read, read_dream};
-use crate::session::{Session, log};
+use crate::session::store::{read, read_dream, read_parameters};
+use crate::session::{FittedReward, Session, log};
 use crate::tensor::sha256;
 use crate::world_model::WorldModel;
+
+/// How far a loss may lie from that of the same fit elsewhere, in nats a label.
+///
+/// On the same kind of processor nothing differs; another one may compute the hidden layers in another precision.
+pub const REFIT_TOLERANCE: f32 = 0.02;
 
 /// What going through a session again gave.
 #[derive(Debug)]
 pub struct Replay {
+    /// Its folder.
+    pub dir: PathBuf,
     /// Its head.
     pub header: Header,
     /// Its state at the end.
@@ -26,8 +38,28 @@ pub struct Replay {
     ///
     /// The same on the same kind of processor; elsewhere arithmetic can differ in the last digit.
     pub clips: BTreeMap<(DreamId, usize), String>,
-    /// The fits, each with the labels that it had.
-    pub fits: Vec<(Fit, Vec<LabeledQuery>)>,
+    /// The rewards that were learned, and from what.
+    pub fits: Vec<ReplayedFit>,
+}
+
+/// A reward that was learned, with what it was learned from.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ReplayedFit {
+    /// As the log tells.
+    pub fitted: FittedReward,
+    /// The labels of the session as it was when the fit began, in the order of asking.
+    pub labels: Vec<LabeledQuery>,
+}
+
+impl ReplayedFit {
+    /// Whether the log tells of as many labels, and of losses within [`REFIT_TOLERANCE`] of `losses`.
+    pub fn agrees(&self, losses: &[f32]) -> bool {
+        let fit = &self.fitted.fit;
+        let mut pairs = fit.losses.iter().zip(losses);
+        fit.n_labels == self.labels.len()
+            && fit.losses.len() == losses.len()
+            && pairs.all(|(then, now)| (then - now).abs() <= REFIT_TOLERANCE)
+    }
 }
 
 /// Goes through the session in `dir` again: folds its log, reads every dream, and decodes every segment asked about.
@@ -51,14 +83,53 @@ pub fn replay(dir: &Path, model: &WorldModel) -> Result<Replay, SessionError> {
         }
     }
     let fits = fits(&reading.header, &reading.contents, &session);
-    Ok(Replay { header: reading.header, session, torn: reading.contents.torn, clips, fits })
+    let (dir, torn) = (dir.to_owned(), reading.contents.torn);
+    Ok(Replay { dir, header: reading.header, session, torn, clips, fits })
 }
 
-/// Each fit with the labels of the session as it was when the fit began.
-fn fits(header: &Header, contents: &log::Contents, session: &Session) -> Vec<(Fit, Vec<LabeledQuery>)> {
-    let labels = |fit: &Fit| {
-        let before = header.session().folded(&contents.entries[..fit.after as usize]);
-        before.unwrap_or_else(|(_, e)| unreachable!("the whole log was folded: {e}")).labeled()
+impl Replay {
+    /// Learns a reward of this session again and returns the last loss of each member.
+    ///
+    /// The shape of the ensemble is that of the saved one; generator, labels and their order are those of the log.
+    pub fn refit(&self, model: &WorldModel, replayed: &ReplayedFit) -> Result<Vec<f32>, SessionError> {
+        let (path, parameters) = read_parameters(&self.dir, &replayed.fitted)?;
+        let saved = RewardEnsemble::load(&parameters).map_err(|met| SessionError::Reward { met, path })?;
+        let mut dreams: BTreeMap<DreamId, (DreamEpisode, Rows)> = BTreeMap::new();
+        for segment in replayed.labels.iter().flat_map(|labeled| [labeled.query.left, labeled.query.right]) {
+            if let btree_map::Entry::Vacant(unread) = dreams.entry(segment.dream) {
+                let episode = read_dream(&self.dir, &self.session, segment.dream)?;
+                let features = episode.features(model);
+                unread.insert((episode, features));
+            }
+        }
+        let rows = |segment: SegmentRef| {
+            let (episode, features) = &dreams[&segment.dream];
+            segment_rows(features, &episode.actions, segment)
+        };
+        let rng = &mut ChaCha8Rng::seed_from_u64(replayed.fitted.fit.seed);
+        let fresh =
+            RewardEnsemble::new(model.config().n_features(), &model.hash(), saved.config().clone(), rng);
+        let mut trainer = Trainer::new(fresh);
+        for LabeledQuery { query, label } in &replayed.labels {
+            trainer.learn(&SegmentPair { left: rows(query.left), right: rows(query.right), label: *label });
+        }
+        let mut losses = Vec::new();
+        let done = trainer.fit(rng, |report| {
+            losses = report.losses.iter().map(|loss| *loss as f32).collect();
+            ControlFlow::Continue(())
+        });
+        assert!(done.is_continue(), "nobody stops this fit");
+        Ok(losses)
+    }
+}
+
+fn fits(header: &Header, contents: &log::Contents, session: &Session) -> Vec<ReplayedFit> {
+    let replayed = |fitted: &FittedReward| {
+        let before = header.session().folded(&contents.entries[..fitted.fit.after as usize]);
+        let before = before.unwrap_or_else(|(_, e)| unreachable!("the whole log was folded: {e}"));
+        let mut labels = before.labeled();
+        labels.sort_by_key(|labeled| labeled.query.id);
+        ReplayedFit { fitted: fitted.clone(), labels }
     };
-    session.fits().iter().map(|fitted| (fitted.fit.clone(), labels(&fitted.fit))).collect()
+    session.fits().iter().map(replayed).collect()
 }

@@ -10,7 +10,7 @@ use crate::session::event::{DreamSource, Event, Fit, KeptDream};
 use crate::session::header::Header;
 use crate::session::journal::{self, DreamJournal, UnfinishedDream};
 use crate::session::log::{self, Contents, Log};
-use crate::session::{Session, arrays, export};
+use crate::session::{FittedReward, Session, arrays, export};
 use crate::tensor::{Parameters, sha256};
 use crate::world_model::WorldModel;
 
@@ -144,8 +144,7 @@ impl SessionStore {
     /// The parameters of the reward that was learned last.
     pub fn reward(&self) -> Result<Option<Parameters>, SessionError> {
         let Some(last) = self.session.fits().last() else { return Ok(None) };
-        let path = self.dir.join(&last.file);
-        read_hashed(&path, &last.sha256).and_then(|bytes| parameters(bytes, &path)).map(Some)
+        read_parameters(&self.dir, last).map(|(_, parameters)| Some(parameters))
     }
 
     /// Puts a copy of the world model into the folder, so that the session can travel alone.
@@ -244,6 +243,16 @@ pub(super) fn read_dream(dir: &Path, session: &Session, id: DreamId) -> Result<D
     }
 }
 
+/// The parameters of a reward, and where they lie.
+pub(super) fn read_parameters(
+    dir: &Path,
+    fitted: &FittedReward,
+) -> Result<(PathBuf, Parameters), SessionError> {
+    let path = dir.join(&fitted.file);
+    let parameters = parameters(read_hashed(&path, &fitted.sha256)?, &path)?;
+    Ok((path, parameters))
+}
+
 fn world_model(dir: &Path, header: &Header) -> Result<WorldModel, SessionError> {
     let hinted = header.world_model_path.as_ref().map(|hint| dir.join(hint));
     let path = [Some(dir.join(WORLD_MODEL_FILE)), hinted].into_iter().flatten().find(|path| path.exists());
@@ -267,38 +276,4 @@ fn read_hashed(path: &Path, hash: &str) -> Result<Vec<u8>, SessionError> {
 
 fn now() -> u64 {
     SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).map_or(0, |since| since.as_millis() as u64)
-}
-
-/// A session that can be opened, or why it cannot.
-#[derive(Debug)]
-pub struct Recent {
-    /// Its folder.
-    pub dir: PathBuf,
-    /// What it is and how far it got.
-    pub session: Result<(Header, Session), SessionError>,
-}
-
-impl Recent {
-    /// When something last happened in it, in milliseconds since 1970; 0 where that cannot be read.
-    pub fn last_at(&self) -> u64 {
-        self.session.as_ref().map_or(0, |(header, session)| session.last_at().unwrap_or(header.created_at))
-    }
-}
-
-/// The sessions in `sessions`, the latest first; none where there is no such folder.
-pub fn recent(sessions: &Path) -> Result<Vec<Recent>, SessionError> {
-    let listing = match std::fs::read_dir(sessions) {
-        Err(e) if e.kind() == std::io::ErrorKind::NotFound => return Ok(Vec::new()),
-        listing => listing.map_err(SessionError::disk("list the sessions", sessions))?,
-    };
-    let mut dirs: Vec<PathBuf> = listing.filter_map(|item| Some(item.ok()?.path())).collect();
-    dirs.retain(|dir| dir.join(super::header::FILE).exists());
-    dirs.sort();
-    let open = |dir: PathBuf| {
-        let session = read(&dir, None).map(|reading| (reading.header, reading.session));
-        Recent { dir, session }
-    };
-    let mut recent: Vec<_> = dirs.into_iter().map(open).collect();
-    recent.sort_by_key(|recent| std::cmp::Reverse(recent.last_at()));
-    Ok(recent)
 }

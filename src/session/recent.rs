@@ -1,0 +1,41 @@
+//! The sessions in a folder, for somebody who wants to go on with one.
+
+use std::path::{Path, PathBuf};
+
+use crate::session::error::SessionError;
+use crate::session::header::{self, Header};
+use crate::session::{Session, store};
+
+/// A session that can be opened, or why it cannot.
+#[derive(Debug)]
+pub struct Recent {
+    /// Its folder.
+    pub dir: PathBuf,
+    /// What it is and how far it got.
+    pub session: Result<(Header, Session), SessionError>,
+}
+
+impl Recent {
+    /// When something last happened in it, in milliseconds since 1970; 0 where that cannot be read.
+    pub fn last_at(&self) -> u64 {
+        self.session.as_ref().map_or(0, |(header, session)| session.last_at().unwrap_or(header.created_at))
+    }
+}
+
+/// The sessions in `sessions`, the latest first; none where there is no such folder.
+pub fn recent(sessions: &Path) -> Result<Vec<Recent>, SessionError> {
+    let listing = match std::fs::read_dir(sessions) {
+        Err(e) if e.kind() == std::io::ErrorKind::NotFound => return Ok(Vec::new()),
+        listing => listing.map_err(SessionError::disk("list the sessions", sessions))?,
+    };
+    let mut dirs: Vec<PathBuf> = listing.filter_map(|item| Some(item.ok()?.path())).collect();
+    dirs.retain(|dir| dir.join(header::FILE).exists());
+    dirs.sort();
+    let open = |dir: PathBuf| {
+        let session = store::read(&dir, None).map(|reading| (reading.header, reading.session));
+        Recent { dir, session }
+    };
+    let mut recent: Vec<_> = dirs.into_iter().map(open).collect();
+    recent.sort_by_key(|recent| std::cmp::Reverse(recent.last_at()));
+    Ok(recent)
+}
