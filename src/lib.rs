@@ -5,7 +5,7 @@
 //! 1. [`world_model`] learns to observe, imagine and decode what [`env`] shows.
 //! 2. In a [`dream`] the user drives inside that model.
 //! 3. A [`query`] shows two segments of dreams; answers become labels, and labels a [`reward`].
-//! 4. A [`planner`] drives the real car by imagining ahead, and `evaluation` says how well.
+//! 4. A [`planner`] drives the real car by imagining ahead, and [`evaluation`] says how well.
 //!
 //! A [`session`] remembers all of it, a `worker` does each slow part, and `ui` shows them.
 //! Data flows down this page: a module names only those before it (`tests/layering.rs`).
@@ -23,7 +23,7 @@
 //! | [`reward`] | the ensemble and its fitting | never sees a frame: features and scaled actions only |
 //! | [`planner`] | candidates, imagined returns, the choice | a pure function of state, models and generator |
 //! | [`simulate`] | stand-ins for people: pilot, probe, annotator | once it labels it sees frames, never the simulator |
-//! | `evaluation` | episodes in the real world, metrics | takes a policy, returns numbers; same tracks for every method |
+//! | [`evaluation`] | episodes in the real world, metrics | takes a policy, returns numbers; same tracks for every method |
 //! | [`session`] | events, their log, replay; arrays and weights on disk | with `dataset` the only module that touches files; a session *is* its log |
 //! | `worker` | threads | the only module that starts one; a worker owns its models and shares nothing |
 //! | `ui` | egui, input devices, pictures | decides nothing: draws state, returns commands |
@@ -58,4 +58,5 @@ pub mod dream;
 pub mod reward;
 pub mod planner;
 pub mod simulate;
+pub mod evaluation;
 pub mod session;

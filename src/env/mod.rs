@@ -57,6 +57,11 @@ pub trait Env: Send {
     /// Moves the world on by one step without drawing it.
     fn advance(&mut self, action: Action) -> Outcome;
 
+    /// What the car carried out in the last step, where an aid may have changed what it was told.
+    fn executed(&self) -> Option<Action> {
+        None
+    }
+
     /// What the models see of the present moment, processed (method §2.1).
     fn frame(&self) -> Frame;
 

@@ -116,11 +116,6 @@ impl ObstacleCarRacing {
         self.aids = aids;
     }
 
-    /// The action that the car last carried out, which an aid may have changed.
-    pub fn executed(&self) -> Action {
-        self.executed
-    }
-
     /// One step; without an action it is the hidden one of a reset.
     fn step(&mut self, action: Option<[f64; 3]>) -> Outcome {
         self.n_steps += 1;
@@ -335,6 +330,10 @@ impl Env for ObstacleCarRacing {
 
     fn advance(&mut self, action: Action) -> Outcome {
         self.advance_by(controls(action))
+    }
+
+    fn executed(&self) -> Option<Action> {
+        Some(self.executed)
     }
 
     fn frame(&self) -> Frame {

@@ -273,7 +273,9 @@ fn loss(returns: &Tensor, mus: &Tensor) -> Tensor {
     (gap.softplus() - mus * gap).mean_dim(1, false, Kind::Float)
 }
 
-/// Adam with PyTorch's β = 0.9, 0.999 and ε = 1e-8; one for all members is one for each, because their parameters are apart.
+/// Adam with PyTorch's β = 0.9, 0.999 and ε = 1e-8.
+///
+/// One for all members is one for each, because their parameters are apart.
 fn adam(ensemble: &RewardEnsemble) -> nn::Optimizer {
     let adam = nn::Adam::default().build(&ensemble.store, ensemble.config.learning_rate);
     adam.unwrap_or_else(|e| unreachable!("plain numbers make an optimizer: {e}"))
