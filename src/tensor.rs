@@ -164,6 +164,15 @@ impl Parameters {
         Ok(())
     }
 
+    /// These and others, under the same header.
+    pub fn with(&self, others: impl IntoIterator<Item = (String, Tensor)>) -> Self {
+        let Ok((_, header)) = SafeTensors::read_metadata(&self.0) else { return self.clone() };
+        let metadata = header.metadata().clone().unwrap_or_default();
+        let metadata: Vec<_> = metadata.iter().map(|(key, value)| (key.as_str(), value.clone())).collect();
+        let own = header.offset_keys().into_iter().filter_map(|name| Some((name.clone(), self.tensor(&name)?)));
+        Self::from_tensors(own.chain(others), &metadata)
+    }
+
     /// The tensor called `name`.
     pub fn tensor(&self, name: &str) -> Option<Tensor> {
         let file = SafeTensors::deserialize(&self.0).ok()?;

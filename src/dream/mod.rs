@@ -159,22 +159,6 @@ impl Dream {
     }
 }
 
-/// The states that the model passes through in a real episode, at the steps `at`: where dreams start (method §5).
-pub fn starts(model: &WorldModel, frames: &[Frame], actions: &[Action], at: &[usize]) -> Vec<LatentState> {
-    let mut memory = model.no_memory(1);
-    let mut found = Vec::new();
-    let until = at.iter().max().map_or(0, |last| last + 1).min(frames.len());
-    for (t, frame) in frames[..until].iter().enumerate() {
-        let state = State { z: model.observe(std::slice::from_ref(frame)), memory };
-        if at.contains(&t) {
-            found.push(LatentState::from(&state));
-        }
-        let Some(action) = actions.get(t) else { break };
-        memory = model.remember(&state, &actions_tensor(&[*action]));
-    }
-    found
-}
-
 #[cfg(test)]
 mod tests {
     use rand::SeedableRng as _;

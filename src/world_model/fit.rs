@@ -199,7 +199,23 @@ pub fn fit_world(
     let vision = fit_vae(dataset, &split, config, fit, run, report)?;
     encode(dataset, config, &vision, run, report)?;
     let memory = fit_mdn_rnn(dataset, &split, config, fit, run, report)?;
-    Ok(WorldModel::parameters_of(config, &vision, &memory))
+    let parameters = WorldModel::parameters_of(config, &vision, &memory);
+    with_starts(dataset, &split, &parameters)
+}
+
+/// The parameters with a moment of each of up to thirty held-out episodes beside them, where dreams may start.
+///
+/// The first second of an episode is passed over: there the camera is still on its way down.
+fn with_starts(dataset: &Dataset, split: &Split, parameters: &Parameters) -> Result<Parameters, FitError> {
+    let model = WorldModel::load(parameters.clone())
+        .unwrap_or_else(|e| unreachable!("these are the parameters of that very model: {e}"));
+    let mut starts = Vec::new();
+    for (i, &episode) in split.held_out.iter().take(30).enumerate() {
+        let episode = dataset.episode(episode)?;
+        let at = (60 + 40 * (i % 5)).min(episode.actions.len().saturating_sub(1));
+        starts.extend(model.states_of(&episode.frames, &episode.actions, &[at]));
+    }
+    Ok(model.parameters_with_starts(&starts))
 }
 
 /// A fit in progress: what a checkpoint holds.

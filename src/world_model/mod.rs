@@ -4,6 +4,7 @@
 
 pub mod fit;
 pub mod mdn_rnn;
+mod starts;
 pub mod vae;
 
 use rand::{Rng, SeedableRng as _};
@@ -130,6 +131,7 @@ pub struct WorldModel {
     /// Whatever is quickest here: pictures are only looked at.
     brush: Vae,
     mdn_rnn: MdnRnn,
+    starts: Vec<LatentState>,
 }
 
 /// Why a world model cannot be loaded.
@@ -158,13 +160,24 @@ impl WorldModel {
         parameters.load("mdn_rnn", &memory)?;
         let (mut memory, eyes, brush) = (memory, vae.frozen(Kind::Float), vae.frozen(fast_kind()));
         memory.freeze();
-        Ok(Self { config, parameters, eyes, brush, mdn_rnn })
+        let starts = starts::unpack(&parameters);
+        Ok(Self { config, parameters, eyes, brush, mdn_rnn, starts })
     }
 
     /// Both networks as they are trained: what [`Self::load`] takes.
     pub fn parameters_of(config: &WorldModelConfig, vision: &nn::VarStore, memory: &nn::VarStore) -> Parameters {
         let header = serde_json::to_string(config).unwrap_or_else(|e| unreachable!("plain data: {e}"));
         Parameters::of(&[("vae", vision), ("mdn_rnn", memory)], &[("config", header)])
+    }
+
+    /// This model's parameters with `starts` beside them.
+    pub fn parameters_with_starts(&self, starts: &[LatentState]) -> Parameters {
+        self.parameters.with(starts::pack(starts))
+    }
+
+    /// Where dreams may start: moments of held-out real episodes, their memory warm.
+    pub fn starts(&self) -> &[LatentState] {
+        &self.starts
     }
 
     /// The shapes of the networks.

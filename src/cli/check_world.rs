@@ -1,0 +1,67 @@
+//! `dropj check-world`.
+
+use std::path::PathBuf;
+
+use anyhow::Context as _;
+use dropj::dataset::Dataset;
+use dropj::env::Frame;
+use dropj::evaluation::fidelity::{Fidelity, HORIZON, Stretch, fidelity};
+use dropj::world_model::fit::{FitConfig, Split};
+
+use super::models;
+
+#[derive(Debug, clap::Args)]
+pub(crate) struct Options {
+    /// The folder of recorded episodes that the world model was trained on
+    #[arg(long)]
+    data: PathBuf,
+    /// The world model
+    #[arg(long)]
+    world: PathBuf,
+    /// The seed that the world model was trained with: it decides which episodes were held out
+    #[arg(long, default_value_t = 0)]
+    seed: u64,
+    /// How many stretches of held-out episodes to compare
+    #[arg(long, default_value_t = 100)]
+    stretches: usize,
+    /// A picture to write: rows of real, reconstructed and dreamed frames, every fifth step
+    #[arg(long)]
+    picture: Option<PathBuf>,
+}
+
+pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
+    let dataset = Dataset::open(&options.data)?;
+    let model = models::world_model(&options.world)?;
+    let split = Split::new(dataset.n_episodes(), FitConfig::car_racing().held_out, options.seed);
+    let (figures, stretches) = fidelity(&model, &dataset, &split.held_out, options.stretches, 0)?;
+    println!("{}", serde_json::json!({"steps": Fidelity::STEPS, "figures": figures}));
+    if let Some(path) = &options.picture {
+        draw(&stretches[..stretches.len().min(3)])
+            .save(path)
+            .with_context(|| format!("cannot write the picture {path:?}"))?;
+    }
+    Ok(())
+}
+
+/// Three rows a stretch, every fifth step.
+fn draw(stretches: &[Stretch]) -> image::RgbImage {
+    const GAP: u32 = 4;
+    let side = stretches.first().map_or(1, |stretch| stretch.real[0].side());
+    let (n_columns, n_rows) = ((HORIZON / 5 + 1) as u32, 3 * stretches.len() as u32);
+    let (width, height) = (n_columns * (side + GAP) + GAP, n_rows * (side + GAP) + GAP * (1 + stretches.len() as u32));
+    let mut picture = image::RgbImage::from_pixel(width, height, image::Rgb([255; 3]));
+    let rows = stretches.iter().flat_map(|s| [&s.real, &s.reconstructed, &s.dreamed]);
+    for (row, frames) in (0..).zip(rows) {
+        let y = GAP + row * (side + GAP) + row / 3 * GAP;
+        for (column, frame) in (0..).zip(frames.iter().step_by(5)) {
+            paste(&mut picture, frame, GAP + column * (side + GAP), y);
+        }
+    }
+    picture
+}
+
+fn paste(picture: &mut image::RgbImage, frame: &Frame, left: u32, top: u32) {
+    for (i, rgb) in (0..).zip(frame.rgb().as_chunks::<3>().0) {
+        picture.put_pixel(left + i % frame.side(), top + i / frame.side(), image::Rgb(*rgb));
+    }
+}

@@ -1,0 +1,37 @@
+//! Finding the networks that a command works with.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::Context as _;
+use dropj::run::read_parameters;
+use dropj::simulate::probe::Probe;
+use dropj::world_model::WorldModel;
+
+use super::EnvName;
+
+/// A file that is shipped with the program: in `assets` here, or where the program was built.
+pub(crate) fn asset(name: &str) -> PathBuf {
+    let here = Path::new("assets").join(name);
+    if here.exists() { here } else { Path::new(env!("CARGO_MANIFEST_DIR")).join("assets").join(name) }
+}
+
+/// The shipped world model of an environment.
+pub(crate) fn world_model_asset(env: EnvName) -> PathBuf {
+    asset(&format!("world-{}.safetensors", env.name()))
+}
+
+/// The world model in `path`.
+pub(crate) fn world_model(path: &Path) -> anyhow::Result<WorldModel> {
+    let parameters = read_parameters(path)
+        .context("there is no usable world model; give one with --world, or train one with `dropj fit-world`")?;
+    WorldModel::load(parameters).with_context(|| format!("in the file {path:?}"))
+}
+
+/// The probe in `path`, or the shipped one.
+pub(crate) fn probe(path: Option<&Path>) -> anyhow::Result<Probe> {
+    let shipped = asset("probe-car-racing.safetensors");
+    let path = path.unwrap_or(&shipped);
+    let parameters = read_parameters(path)
+        .context("there is no usable probe; give one with --probe, or fit one with `dropj fit-probe`")?;
+    Probe::load(&parameters).with_context(|| format!("in the file {path:?}"))
+}

@@ -1,0 +1,53 @@
+//! `dropj replay`.
+
+use std::path::PathBuf;
+
+use dropj::session::{SessionStore, replay};
+
+use super::models;
+
+#[derive(Debug, clap::Args)]
+pub(crate) struct Options {
+    /// The folder of the session
+    session: PathBuf,
+    /// Fit every reward again and fail where its losses differ from what was recorded
+    #[arg(long)]
+    check: bool,
+    /// A world model other than the session's own
+    #[arg(long)]
+    world: Option<PathBuf>,
+}
+
+pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
+    tch::set_num_threads(1);
+    let model = match &options.world {
+        Some(path) => models::world_model(path)?,
+        None => SessionStore::read_world_model(&options.session)?,
+    };
+    let replayed = replay(&options.session, &model)?;
+    let statistics = replayed.session.statistics();
+    println!(
+        "{}: {} dreams, {} answers, {} skipped, {} clips decoded, {} fits",
+        replayed.header.protocol.name(),
+        replayed.session.dreams().len(),
+        statistics.n_answered,
+        statistics.n_skipped,
+        replayed.clips.len(),
+        replayed.fits.len()
+    );
+    if let Some(torn) = &replayed.torn {
+        println!("a half line at the end of the log was passed over: {torn:?}");
+    }
+    if options.check {
+        for (i, fit) in replayed.fits.iter().enumerate() {
+            let losses = replayed.refit(&model, fit)?;
+            anyhow::ensure!(
+                fit.agrees(&losses),
+                "fit {i} came to the losses {:?} when it was recorded, and to {losses:?} now",
+                fit.fitted.fit.losses
+            );
+            println!("fit {i}: {} labels, losses {losses:.4?}, as recorded", fit.labels.len());
+        }
+    }
+    Ok(())
+}
