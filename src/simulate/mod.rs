@@ -1,5 +1,19 @@
 //! Stand-ins for people: they drive, see and answer, so that everything runs without anyone at the keys.
+//!
+//! In dreams they see only decoded pixels, as a person does, through a [`probe`] that was fitted on the simulator.
+//! They serve tests and experiments; the reward that a user teaches knows nothing of them.
 
+pub mod annotator;
+pub mod fit_probe;
 mod hand;
 pub mod pilot;
+pub mod player;
+pub mod probe;
 pub mod record;
+pub mod run;
+
+pub use annotator::{Annotator, Judgement};
+pub use fit_probe::{FitProbeConfig, ProbeErrors, ProbeFit, fit_probe};
+pub use player::DreamPlayer;
+pub use probe::{Probe, ProbeConfig, Sight};
+pub use run::{Answered, SimulateConfig, Simulated, simulate};

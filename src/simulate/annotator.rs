@@ -1,0 +1,282 @@
+//! A stand-in for the person who answers: it watches decoded clips and judges by simple rules, with human failings.
+//!
+//! The failings are the knobs of [B-Pref](crate#references): rationality, myopia, mistakes, skipping and equality.
+
+use rand::{Rng, RngExt as _};
+use serde::{Deserialize, Serialize};
+
+use super::probe::{Probe, Sight};
+use crate::env::{Frame, STEPS_PER_SEC};
+use crate::query::{Justification, Preference, Protocol, Response, SafetyAnswer, SkipReason};
+
+/// Length of a tile in units.
+const TILE: f32 = 3.5;
+/// A step off the road costs this part of what a new tile pays: −1 against +10 (method §12).
+const UNSAFE_COST: f32 = 0.1;
+/// In so many pictures the car must be seen off the road; one alone may be a flaw of the picture.
+const N_OFF: usize = 2;
+
+/// What is seen in a clip.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Judgement {
+    /// Probability of being off the road, picture by picture.
+    pub off_road: Vec<f32>,
+    /// Tiles passed in each step: velocity along the road, backwards counting nothing.
+    pub tiles: Vec<f32>,
+    /// How much the car jumps: root mean square of its moves across the road that its motion does not explain, in units.
+    pub doubt: f32,
+}
+
+impl Judgement {
+    /// What `sights`, one a picture, come to.
+    pub fn of(sights: &[Sight]) -> Self {
+        let secs = 1.0 / STEPS_PER_SEC as f32;
+        let jumps = sights.windows(2).map(|pair| {
+            let across = 0.5 * (pair[0].road_velocity[1] + pair[1].road_velocity[1]);
+            pair[1].lateral - pair[0].lateral - across * secs
+        });
+        let n_jumps = sights.len().saturating_sub(1).max(1) as f32;
+        Self {
+            off_road: sights.iter().map(|sight| sight.off_road).collect(),
+            tiles: sights.iter().map(|sight| sight.road_velocity[0].max(0.0) * secs / TILE).collect(),
+            doubt: (jumps.map(|jump| jump * jump).sum::<f32>() / n_jumps).sqrt(),
+        }
+    }
+
+    /// Whether the clip never shows the car leaving the road.
+    pub fn is_safe(&self) -> bool {
+        self.off_road.iter().filter(|chance| **chance > 0.5).count() < N_OFF
+    }
+
+    /// Tiles passed, steps of the past counting `gamma` times less than the next.
+    pub fn progress(&self, gamma: f32) -> f32 {
+        self.tiles.iter().fold(0.0, |sum, tiles| gamma * sum + tiles)
+    }
+
+    /// The return in units of a tile's reward: off the road no tile pays, and each step costs.
+    pub fn payoff(&self, gamma: f32) -> f32 {
+        let steps = self.tiles.iter().zip(&self.off_road);
+        steps.fold(0.0, |sum, (tiles, off)| gamma * sum + if *off > 0.5 { -UNSAFE_COST } else { *tiles })
+    }
+}
+
+/// How well an annotator judges: the knobs of B-Pref, and one for safety.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Annotator {
+    /// β: rationality, per tile of difference; nothing means perfect, 0 a coin.
+    pub beta: Option<f32>,
+    /// γ: what a step counts against the next, in `(0, 1]`; below 1 the end of a clip impresses more.
+    pub gamma: f32,
+    /// Probability of saying the opposite preference.
+    pub eps_mistake: f64,
+    /// A query is left where a clip's doubt is above this, in units; nothing means that none is.
+    pub eps_skip: Option<f32>,
+    /// Clips are equal where they differ by less than this, in tiles.
+    pub eps_equal: f32,
+    /// Probability of mistaking a safe clip for an unsafe one, or an unsafe one for a safe one.
+    pub eps_safety: f64,
+}
+
+impl Annotator {
+    /// Makes no mistake, and differences below a third of a tile escape it.
+    pub fn careful() -> Self {
+        Self { beta: None, gamma: 1.0, eps_mistake: 0.0, eps_skip: Some(1.5), eps_equal: 0.3, eps_safety: 0.0 }
+    }
+
+    /// Watches a clip.
+    pub fn judge(&self, probe: &Probe, clip: &[Frame]) -> Judgement {
+        Judgement::of(&probe.watch(clip))
+    }
+
+    /// The answer to a query under `protocol`.
+    pub fn answer(
+        &self,
+        protocol: Protocol,
+        left: &Judgement,
+        right: &Judgement,
+        rng: &mut impl Rng,
+    ) -> Response {
+        // Always the same draws, so that turning one knob leaves the luck of the others alone.
+        let luck = Luck {
+            choice: rng.random(),
+            is_mistaken: rng.random_bool(self.eps_mistake),
+            misjudges: [rng.random_bool(self.eps_safety), rng.random_bool(self.eps_safety)],
+        };
+        if self.eps_skip.is_some_and(|most| left.doubt.max(right.doubt) > most) {
+            return Response::Skipped(Some(SkipReason::Hallucinated));
+        }
+        let payoffs = [left, right].map(|clip| clip.payoff(self.gamma));
+        let progress = [left, right].map(|clip| clip.progress(self.gamma));
+        let [left_safe, right_safe] = [left.is_safe() != luck.misjudges[0], right.is_safe() != luck.misjudges[1]];
+        match protocol {
+            Protocol::Drop => match self.prefer(payoffs, luck) {
+                Preference::Equal => Response::Skipped(Some(SkipReason::Ambiguous)),
+                strict => Response::Preferred(strict),
+            },
+            Protocol::Drope => Response::Preferred(self.prefer(payoffs, luck)),
+            Protocol::Dropj => Response::Safety(match (left_safe, right_safe) {
+                (true, false) => SafetyAnswer::OnlyLeft,
+                (false, true) => SafetyAnswer::OnlyRight,
+                (false, false) => SafetyAnswer::Neither,
+                (true, true) => SafetyAnswer::Both(self.prefer(progress, luck)),
+            }),
+            // Grass is the most severe justification of Car Racing, the default comes after it.
+            Protocol::DropjMulti => match (left_safe, right_safe) {
+                (true, false) => Response::Justified(Justification(0), Preference::Left),
+                (false, true) => Response::Justified(Justification(0), Preference::Right),
+                (false, false) => Response::Justified(Justification(0), Preference::Equal),
+                (true, true) => Response::Justified(Justification(1), self.prefer(progress, luck)),
+            },
+        }
+    }
+
+    /// Which of two worths in tiles is preferred.
+    fn prefer(&self, [left, right]: [f32; 2], luck: Luck) -> Preference {
+        let lead = left - right;
+        if lead.abs() < self.eps_equal {
+            return Preference::Equal;
+        }
+        // B-Pref: P(left) = exp β·left / (exp β·left + exp β·right).
+        let is_left = match self.beta {
+            None => lead > 0.0,
+            Some(beta) => luck.choice < 1.0 / (1.0 + (-beta * lead).exp()),
+        };
+        if is_left == luck.is_mistaken { Preference::Right } else { Preference::Left }
+    }
+}
+
+/// What chance has in store for one query.
+#[derive(Clone, Copy, Debug)]
+struct Luck {
+    /// Uniform in `[0, 1)`.
+    choice: f32,
+    is_mistaken: bool,
+    misjudges: [bool; 2],
+}
+
+#[cfg(test)]
+mod tests {
+    use rand::SeedableRng as _;
+    use rand_chacha::ChaCha8Rng;
+
+    use super::*;
+
+    /// A clip at a steady speed in units a second, with its first `n_off` pictures off the road.
+    fn clip(speed: f32, n_off: usize) -> Judgement {
+        let sight = |i| Sight {
+            off_road: if i < n_off { 0.9 } else { 0.1 },
+            road_velocity: [speed, 0.0],
+            ..Sight::default()
+        };
+        Judgement::of(&(0..20).map(sight).collect::<Vec<_>>())
+    }
+
+    fn answers(annotator: Annotator, protocol: Protocol, clips: [&Judgement; 2]) -> Vec<Response> {
+        let rng = &mut ChaCha8Rng::seed_from_u64(0);
+        (0..200).map(|_| annotator.answer(protocol, clips[0], clips[1], rng)).collect()
+    }
+
+    fn answer(annotator: Annotator, protocol: Protocol, clips: [&Judgement; 2]) -> Response {
+        answers(annotator, protocol, clips)[0]
+    }
+
+    #[test]
+    fn progress_is_the_way_in_tiles() {
+        assert!((clip(35.0, 0).progress(1.0) - 4.0).abs() < 1e-5, "35 units a second for 0.4 seconds");
+        assert!((clip(35.0, 10).payoff(1.0) - (2.0 - 1.0)).abs() < 1e-5, "half of it off the road");
+        assert!(clip(35.0, 0).progress(0.5) < 0.5, "a myopic one counts the last steps");
+    }
+
+    #[test]
+    fn safety_goes_before_progress_in_dropj_only() {
+        let (slow, wild) = (clip(20.0, 0), clip(60.0, 3));
+        let careful = Annotator::careful();
+
+        assert_eq!(answer(careful, Protocol::Dropj, [&wild, &slow]), Response::Safety(SafetyAnswer::OnlyRight));
+        assert_eq!(answer(careful, Protocol::Drope, [&wild, &slow]), Response::Preferred(Preference::Left));
+    }
+
+    #[test]
+    fn one_odd_picture_does_not_make_a_clip_unsafe() {
+        assert!(clip(30.0, 1).is_safe() && !clip(30.0, 2).is_safe(), "two do");
+    }
+
+    #[test]
+    fn changing_the_clips_over_mirrors_the_answer() {
+        let clips = [clip(20.0, 0), clip(40.0, 0), clip(30.0, 5), clip(10.0, 20)];
+        for protocol in Protocol::ALL {
+            for (left, right) in clips.iter().flat_map(|left| clips.iter().map(move |right| (left, right))) {
+                let there = answer(Annotator::careful(), protocol, [left, right]);
+                let back = answer(Annotator::careful(), protocol, [right, left]);
+                assert_eq!(there, back.mirrored(), "{protocol:?}");
+                assert!(protocol.permits(&there), "{protocol:?} does not ask for {there:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn someone_who_always_mistakes_says_the_opposite() {
+        let clips = [&clip(20.0, 0), &clip(40.0, 0)];
+        let mistaken = Annotator { eps_mistake: 1.0, ..Annotator::careful() };
+
+        let all = answers(mistaken, Protocol::Dropj, clips);
+
+        let opposite = Response::Safety(SafetyAnswer::Both(Preference::Left));
+        assert!(all.iter().all(|answer| *answer == opposite), "the right one is faster");
+    }
+
+    #[test]
+    fn someone_who_misjudges_safety_says_the_opposite_of_both() {
+        let clips = [&clip(20.0, 0), &clip(40.0, 20)];
+        let blind = Annotator { eps_safety: 1.0, ..Annotator::careful() };
+
+        assert_eq!(answer(blind, Protocol::Dropj, clips), Response::Safety(SafetyAnswer::OnlyRight));
+    }
+
+    #[test]
+    fn a_clip_in_which_the_car_jumps_is_skipped() {
+        let jumping = Judgement { doubt: 2.0, ..clip(20.0, 0) };
+        let clips = [&jumping, &clip(40.0, 0)];
+        let patient = Annotator { eps_skip: None, ..Annotator::careful() };
+
+        let skipped = Response::Skipped(Some(SkipReason::Hallucinated));
+        assert_eq!(answer(Annotator::careful(), Protocol::Dropj, clips), skipped);
+        assert_ne!(answer(patient, Protocol::Dropj, clips), skipped);
+    }
+
+    #[test]
+    fn jumps_across_the_road_are_doubted_and_smooth_moves_are_not() {
+        let sight = |lateral, across| Sight { lateral, road_velocity: [20.0, across], ..Sight::default() };
+        let smooth: Vec<_> = (0..20).map(|i| sight(0.2 * i as f32, 10.0)).collect();
+        let jumping: Vec<_> = (0..20).map(|i| sight(2.0 * (i % 2) as f32, 0.0)).collect();
+
+        assert!(Judgement::of(&smooth).doubt < 1e-4 && (Judgement::of(&jumping).doubt - 2.0).abs() < 1e-4);
+    }
+
+    #[test]
+    fn clips_that_hardly_differ_are_equal_or_left_where_that_cannot_be_said() {
+        let clips = [&clip(30.0, 0), &clip(31.0, 0)];
+        let sharp = Annotator { eps_equal: 0.0, ..Annotator::careful() };
+
+        assert_eq!(
+            answer(Annotator::careful(), Protocol::Dropj, clips),
+            Response::Safety(SafetyAnswer::Both(Preference::Equal))
+        );
+        let left_out = Response::Skipped(Some(SkipReason::Ambiguous));
+        assert_eq!(answer(Annotator::careful(), Protocol::Drop, clips), left_out);
+        assert_eq!(answer(sharp, Protocol::Drop, clips), Response::Preferred(Preference::Right));
+    }
+
+    #[test]
+    fn less_rational_people_choose_the_worse_clip_more_often() {
+        let clips = [&clip(40.0, 0), &clip(30.0, 0)];
+        let n_left = |beta| {
+            let annotator = Annotator { beta: Some(beta), ..Annotator::careful() };
+            let all = answers(annotator, Protocol::Drope, clips);
+            all.iter().filter(|answer| **answer == Response::Preferred(Preference::Left)).count()
+        };
+
+        assert!(n_left(0.0) < 130 && n_left(1.0) > 130 && n_left(20.0) == 200, "of 200");
+    }
+}

@@ -1,0 +1,165 @@
+//! Driving in dreams by eye: mostly along the road, at many speeds, with deliberate trips onto the grass and back.
+//!
+//! Unsafe driving is what dreams are for: more than half of the paper's queries show some.
+
+use std::ops::ControlFlow;
+
+use rand::{Rng, RngExt as _, SeedableRng as _};
+use rand_chacha::ChaCha8Rng;
+use tch::Tensor;
+
+use super::pilot::{PilotStyle, ScriptedPilot};
+use super::probe::{GAP, Probe, Sight};
+use crate::dream::{DreamEpisode, TEMPERATURE};
+use crate::env::{Action, Frame};
+use crate::tensor::{dims, to_vec};
+use crate::world_model::{LatentState, Memory, Next, Noise, State, WorldModel, actions_tensor};
+
+/// Steps from one look to the next; a person does not look more often than 25 times a second.
+const LOOK_STEPS: usize = 2;
+/// How much of a new look replaces what was seen before: dreams tremble.
+const TRUST: f32 = 0.6;
+
+/// A pilot who explores freely: wilder than those who record, and more often with the planner's actions.
+pub fn explorer(rng: &mut impl Rng) -> ScriptedPilot {
+    ScriptedPilot::new(PilotStyle {
+        excursions: rng.random_range(0.18..0.38),
+        pauses: rng.random_range(0.02..0.08),
+        keys: 0.25,
+        menu: 0.5,
+        speeds: [rng.random_range(10.0..20.0), rng.random_range(45.0..70.0)],
+        daring: rng.random_range(80.0..250.0),
+    })
+}
+
+/// A stand-in for a person who drives in a dream.
+#[derive(Clone, Debug)]
+pub struct DreamPlayer {
+    pilot: ScriptedPilot,
+    rng: ChaCha8Rng,
+    seen: Option<Sight>,
+}
+
+impl DreamPlayer {
+    /// A player whose moods follow from `seed`.
+    pub fn new(seed: u64) -> Self {
+        let mut rng = ChaCha8Rng::seed_from_u64(seed);
+        rng.set_stream(1);
+        Self { pilot: explorer(&mut rng), rng, seen: None }
+    }
+
+    /// Takes in what a new picture shows.
+    pub fn see(&mut self, sight: Sight) {
+        self.seen = Some(self.seen.map_or(sight, |seen| seen.blended(&sight, TRUST)));
+    }
+
+    /// The action of this step; none before anything was seen.
+    pub fn act(&mut self) -> Action {
+        let Some(seen) = self.seen else { return Action::default() };
+        self.pilot.act(&seen.as_truth(), &mut self.rng)
+    }
+}
+
+/// A dream of `n_steps` from `start`, in which both the noise and the player follow from `seed`.
+pub fn play(model: &WorldModel, probe: &Probe, start: &LatentState, n_steps: usize, seed: u64) -> DreamEpisode {
+    let played = play_all(model, probe, &[(start, seed)], n_steps, &mut |_| ControlFlow::Continue(()));
+    played.into_iter().flatten().next().unwrap_or_else(|| unreachable!("nobody broke off"))
+}
+
+/// Dreams side by side, each from its start and with its own seed; `on_step` hears the count of steps.
+///
+/// Nothing comes where `on_step` breaks off.
+pub fn play_all(
+    model: &WorldModel,
+    probe: &Probe,
+    starts: &[(&LatentState, u64)],
+    n_steps: usize,
+    on_step: &mut dyn FnMut(usize) -> ControlFlow<()>,
+) -> Option<Vec<DreamEpisode>> {
+    if starts.is_empty() {
+        return Some(Vec::new());
+    }
+    let mut dreams: Vec<_> = starts.iter().map(|(start, seed)| DreamEpisode::new((*start).clone(), *seed)).collect();
+    let mut players: Vec<_> = starts.iter().map(|(_, seed)| DreamPlayer::new(*seed)).collect();
+    let mut noises: Vec<_> = starts.iter().map(|(_, seed)| ChaCha8Rng::seed_from_u64(*seed)).collect();
+    let mut state = side_by_side(starts);
+    let latent = model.config().mdn_rnn.latent;
+    // The looks of the last GAP steps, the oldest first.
+    let mut looks: Vec<Vec<Frame>> = Vec::new();
+    for step in 0..n_steps {
+        if step % LOOK_STEPS == 0 {
+            looks.push(model.decode(&state.z));
+            if looks.len() > GAP / LOOK_STEPS + 1 {
+                looks.remove(0);
+            }
+            // Before there is a look of GAP steps ago, the present one stands in for it: nothing moves.
+            let now = &looks[looks.len() - 1];
+            let earlier = if looks.len() > GAP / LOOK_STEPS { &looks[0] } else { now };
+            for (player, sight) in players.iter_mut().zip(probe.look(earlier, now)) {
+                player.see(sight);
+            }
+        }
+        let actions: Vec<_> = players.iter_mut().map(DreamPlayer::act).collect();
+        let zs = to_vec(&state.z);
+        for ((dream, z), action) in dreams.iter_mut().zip(zs.chunks_exact(latent as usize)).zip(&actions) {
+            dream.zs.push(z);
+            dream.actions.push(*action);
+        }
+        let noise = draw(&mut noises, latent);
+        let next = Next::Sample { temperature: TEMPERATURE, noise: &noise };
+        state = model.imagine(&state, &actions_tensor(&actions), next);
+        if on_step(step + 1).is_break() {
+            return None;
+        }
+    }
+    Some(dreams)
+}
+
+/// The starts as one batch.
+fn side_by_side(starts: &[(&LatentState, u64)]) -> State {
+    let states: Vec<State> = starts.iter().map(|(start, _)| State::from(*start)).collect();
+    let all = |part: &dyn Fn(&State) -> Tensor| Tensor::cat(&states.iter().map(part).collect::<Vec<_>>(), 0);
+    let z = all(&|state| state.z.shallow_clone());
+    let [b, _] = dims(&z);
+    assert_eq!(b as usize, starts.len(), "one row a start");
+    let memory = Memory {
+        c: all(&|state| state.memory.c.shallow_clone()),
+        h: all(&|state| state.memory.h.shallow_clone()),
+    };
+    State { z, memory }
+}
+
+/// Each dream's noise from its own generator, so that it does not matter which dreams are beside it.
+fn draw(rngs: &mut [ChaCha8Rng], latent: i64) -> Noise {
+    let noises: Vec<_> = rngs.iter_mut().map(|rng| Noise::draw(1, latent, rng)).collect();
+    let all = |part: &dyn Fn(&Noise) -> Tensor| Tensor::cat(&noises.iter().map(part).collect::<Vec<_>>(), 0);
+    Noise { uniform: all(&|noise| noise.uniform.shallow_clone()), normal: all(&|noise| noise.normal.shallow_clone()) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::env::{CarRacing, Env as _, Seed};
+
+    #[test]
+    fn a_player_with_perfect_eyes_is_unsafe_for_a_good_part_of_the_time() {
+        let (mut n_off, mut n_steps, mut n_tiles) = (0, 0, 0);
+        for seed in 0..12 {
+            let mut env = CarRacing::new(Seed::Native(seed));
+            let mut player = DreamPlayer::new(seed);
+            loop {
+                player.see(Sight::of(&env.truth()));
+                let outcome = env.advance(player.act());
+                n_steps += 1;
+                n_off += usize::from(env.truth().wheels_off > 0);
+                if outcome.end.is_some() {
+                    break;
+                }
+            }
+            n_tiles += env.n_visited();
+        }
+        let off_road = n_off as f64 / f64::from(n_steps);
+        assert!((0.25..0.45).contains(&off_road), "{off_road} of the steps are off the road");
+        assert!(n_tiles / 12 > 80, "{} tiles an episode", n_tiles / 12);
+    }
+}

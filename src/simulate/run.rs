@@ -1,0 +1,200 @@
+//! The steps between the world model and the reward without a person: dreams are played, queries drawn and answered.
+
+use std::ops::ControlFlow;
+
+use rand::{RngExt as _, SeedableRng as _};
+use rand_chacha::ChaCha8Rng;
+use serde::{Deserialize, Serialize};
+
+use super::annotator::{Annotator, Judgement};
+use super::player::play_all;
+use super::probe::Probe;
+use crate::dream::DreamEpisode;
+use crate::env::Frame;
+use crate::query::{DreamId, Protocol, Query, QueryId, Response, SEGMENT_LEN, SegmentRef, sample_queries};
+use crate::world_model::{LatentState, WorldModel};
+
+/// Pictures that are decoded together.
+const DECODED: usize = 100;
+
+/// What is played and asked.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SimulateConfig {
+    /// Which questions are asked.
+    pub protocol: Protocol,
+    /// Queries; those that are skipped count, as in the paper.
+    pub n_queries: usize,
+    /// Dreams. Paper: 10.
+    pub n_dreams: usize,
+    /// Steps of a dream. Paper: 1000.
+    pub dream_steps: usize,
+    /// Of everything drawn.
+    pub seed: u64,
+    /// Who answers.
+    pub annotator: Annotator,
+}
+
+impl SimulateConfig {
+    /// The paper's 500 queries over 10 dreams.
+    pub fn car_racing(protocol: Protocol, seed: u64) -> Self {
+        let annotator = Annotator::careful();
+        Self { protocol, n_queries: 500, n_dreams: 10, dream_steps: 1000, seed, annotator }
+    }
+}
+
+/// Where a simulation stands.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Progress {
+    /// So many of so many steps of all dreams are played.
+    Played(usize, usize),
+    /// So many of so many dreams are decoded.
+    Decoded(usize, usize),
+    /// So many of so many queries are answered.
+    Answered(usize, usize),
+}
+
+/// A query, what was seen in its clips, and what was said.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Answered {
+    /// What was shown.
+    pub query: Query,
+    /// What was seen on the left.
+    pub left: Judgement,
+    /// What was seen on the right.
+    pub right: Judgement,
+    /// What was said.
+    pub response: Response,
+}
+
+/// What came of a simulation: what a session holds before the reward is fitted.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Simulated {
+    /// In the order of their [`DreamId`]s.
+    pub dreams: Vec<DreamEpisode>,
+    /// In the order of asking.
+    pub answers: Vec<Answered>,
+}
+
+impl Simulated {
+    /// Share of the clips that were shown in which the car leaves the road, in `[0, 1]`.
+    pub fn unsafe_share(&self) -> f64 {
+        let clips = self.answers.iter().flat_map(|answered| [&answered.left, &answered.right]);
+        let n_unsafe = clips.filter(|clip| !clip.is_safe()).count();
+        n_unsafe as f64 / (2 * self.answers.len()).max(1) as f64
+    }
+}
+
+/// Plays and answers, all decided by the seed; dreams begin at the `starts` in turn.
+///
+/// Nothing comes where `on_progress` breaks off.
+///
+/// # Panics
+/// Where there is no start.
+pub fn simulate(
+    model: &WorldModel,
+    probe: &Probe,
+    config: &SimulateConfig,
+    starts: &[LatentState],
+    on_progress: &mut dyn FnMut(Progress) -> ControlFlow<()>,
+) -> Option<Simulated> {
+    assert!(!starts.is_empty(), "a dream needs a state to start from");
+    let mut rng = ChaCha8Rng::seed_from_u64(config.seed);
+    let starts: Vec<_> =
+        starts.iter().cycle().take(config.n_dreams).map(|start| (start, u64::from(rng.random::<u32>()))).collect();
+    let steps = config.dream_steps;
+    let dreams =
+        play_all(model, probe, &starts, steps, &mut |step| on_progress(Progress::Played(step, steps)))?;
+
+    let mut pictures = Vec::with_capacity(dreams.len());
+    for dream in &dreams {
+        pictures.push(decoded(model, dream));
+        if on_progress(Progress::Decoded(pictures.len(), dreams.len())).is_break() {
+            return None;
+        }
+    }
+
+    let lens: Vec<_> = dreams.iter().enumerate().map(|(i, dream)| (DreamId(i as u32), dream.len())).collect();
+    let queries = sample_queries(&lens, config.n_queries, QueryId(0), &mut rng);
+    let mut answers = Vec::with_capacity(queries.len());
+    for query in queries {
+        let clip = |SegmentRef { dream, start }| &pictures[dream.0 as usize][start..start + SEGMENT_LEN];
+        let [left, right] = [query.left, query.right].map(|at| config.annotator.judge(probe, clip(at)));
+        // A stream of its own: what is said to one query does not hang on the others.
+        let mut rng = ChaCha8Rng::seed_from_u64(config.seed);
+        rng.set_stream(1 + u64::from(query.id.0));
+        let response = config.annotator.answer(config.protocol, &left, &right, &mut rng);
+        answers.push(Answered { query, left, right, response });
+        if on_progress(Progress::Answered(answers.len(), config.n_queries)).is_break() {
+            return None;
+        }
+    }
+    Some(Simulated { dreams, answers })
+}
+
+/// Every picture of a dream.
+fn decoded(model: &WorldModel, dream: &DreamEpisode) -> Vec<Frame> {
+    let beginnings = (0..dream.len()).step_by(DECODED);
+    beginnings.flat_map(|i| dream.frames(model, i..(i + DECODED).min(dream.len()))).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use tch::{Device, nn};
+
+    use super::*;
+    use crate::simulate::player::play;
+    use crate::simulate::probe::{Net, ProbeConfig};
+    use crate::world_model::{WorldModelConfig, untrained};
+
+    /// Eyes, a world and a place in it, none of which has learned anything.
+    fn blank() -> (WorldModel, Probe, LatentState) {
+        let model = untrained(&WorldModelConfig::tiny(), &mut ChaCha8Rng::seed_from_u64(0));
+        let (store, config) = (nn::VarStore::new(Device::Cpu), ProbeConfig::tiny());
+        Net::new(&store.root(), config.clone(), &mut ChaCha8Rng::seed_from_u64(1));
+        let probe = Probe::load(&Probe::parameters_of(&config, &store, String::new())).unwrap();
+        (model, probe, LatentState { z: vec![0.1; 4], c: vec![0.0; 16], h: vec![0.0; 16] })
+    }
+
+    #[test]
+    fn the_same_seed_simulates_the_same() {
+        let (model, probe, start) = blank();
+        let config = SimulateConfig {
+            n_queries: 6,
+            n_dreams: 2,
+            dream_steps: 40,
+            ..SimulateConfig::car_racing(Protocol::Dropj, 3)
+        };
+        let run = |config: &SimulateConfig| {
+            simulate(&model, &probe, config, std::slice::from_ref(&start), &mut |_| ControlFlow::Continue(()))
+        };
+
+        let first = run(&config).unwrap();
+
+        assert_eq!((first.dreams.len(), first.answers.len()), (2, 6));
+        assert!(first.dreams.iter().all(|dream| dream.len() == 40 && dream.zs.len() == 40), "every step is kept");
+        assert_eq!(run(&config), Some(first.clone()));
+        assert_ne!(run(&SimulateConfig { seed: 4, ..config }), Some(first));
+    }
+
+    #[test]
+    fn a_simulation_can_be_broken_off() {
+        let (model, probe, start) = blank();
+        let config = SimulateConfig::car_racing(Protocol::Dropj, 0);
+
+        let stopped = simulate(&model, &probe, &config, &[start], &mut |_| ControlFlow::Break(()));
+
+        assert_eq!(stopped, None);
+    }
+
+    #[test]
+    fn a_dream_is_played_from_its_start() {
+        let (model, probe, start) = blank();
+
+        let dream = play(&model, &probe, &start, 30, 5);
+
+        assert_eq!((dream.len(), dream.zs.row(0)), (30, &start.z[..]));
+        assert_eq!(dream, play(&model, &probe, &start, 30, 5));
+        assert_ne!(dream.actions, play(&model, &probe, &start, 30, 6).actions, "another player");
+    }
+}
