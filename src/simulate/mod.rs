@@ -2,3 +2,4 @@
 
 mod hand;
 pub mod pilot;
+pub mod record;

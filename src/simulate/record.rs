@@ -1,0 +1,216 @@
+//! Real episodes without a person: the scripted pilot drives, the dataset keeps.
+
+use std::ops::{ControlFlow, Range};
+use std::time::SystemTime;
+
+use rand::{Rng as _, SeedableRng as _};
+use rand_chacha::ChaCha8Rng;
+
+use super::pilot::ScriptedPilot;
+use crate::dataset::{Dataset, DatasetError, EpisodeInfo, StepRecord};
+use crate::env::{Env, Seed};
+
+/// The name that the scripted pilot has in a dataset.
+pub const PILOT: &str = "scripted";
+
+/// An episode that has been recorded.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Recorded {
+    /// Which of the episodes of a seed it is.
+    pub k: u64,
+    /// Its number in the dataset.
+    pub number: usize,
+    /// How many steps it has.
+    pub n_steps: usize,
+    /// How many of them were on the grass.
+    pub n_grass: usize,
+    /// The sum of the environment's rewards.
+    pub ret: f32,
+}
+
+/// Records episodes `episodes` of `seed` with a scripted pilot, as far as the dataset does not have them yet.
+///
+/// Episode `k` has a `ChaCha8` stream of its own, which decides the track, the pilot's style and all it does: it is
+/// the same whatever was recorded before. So a run that was stopped goes on where it is started again, and two
+/// programs can share the work, each with a range and a dataset of its own.
+///
+/// `progress` hears of each episode once it is sealed, and may stop there.
+pub fn record(
+    env: &mut dyn Env,
+    dataset: &mut Dataset,
+    episodes: Range<u64>,
+    seed: u64,
+    mut progress: impl FnMut(Recorded) -> ControlFlow<()>,
+) -> Result<(), DatasetError> {
+    for k in episodes {
+        let mut rng = ChaCha8Rng::seed_from_u64(seed);
+        rng.set_stream(k);
+        let env_name = dataset.env().unwrap_or_default().to_owned();
+        let info = EpisodeInfo { env: env_name, pilot: PILOT.into(), seed: rng.next_u64() };
+        if (0..dataset.n_episodes()).any(|idx| *dataset.info(idx) == info) {
+            continue;
+        }
+        // What a killed run left of this very episode is driven anew from its beginning.
+        while let Some(idx) = dataset.unfinished().iter().position(|unfinished| unfinished.info == info) {
+            dataset.discard(idx)?;
+        }
+        let recorded = record_one(env, dataset, info, k, &mut rng)?;
+        if progress(recorded).is_break() {
+            break;
+        }
+    }
+    Ok(())
+}
+
+/// Drives and seals one episode.
+fn record_one(
+    env: &mut dyn Env,
+    dataset: &mut Dataset,
+    info: EpisodeInfo,
+    k: u64,
+    rng: &mut ChaCha8Rng,
+) -> Result<Recorded, DatasetError> {
+    env.reset(Seed::Native(info.seed));
+    let mut pilot = ScriptedPilot::drawn(rng);
+    let mut recording = dataset.begin(info)?;
+    let mut recorded = Recorded { k, number: 0, n_steps: 0, n_grass: 0, ret: 0.0 };
+    loop {
+        let frame = env.frame();
+        let action = pilot.act(&env.truth(), rng);
+        let wall_time_ns = wall_time_ns();
+        let outcome = env.advance(action);
+        let grass = outcome.events.grass;
+        recording.push(&StepRecord { frame, action, reward: outcome.reward, grass, wall_time_ns })?;
+        recorded.n_steps += 1;
+        recorded.n_grass += usize::from(grass);
+        recorded.ret += outcome.reward;
+        if outcome.end.is_some() {
+            break;
+        }
+    }
+    recorded.number = dataset.seal(recording, &env.frame(), true)?;
+    Ok(recorded)
+}
+
+/// Nanoseconds since 1970.
+fn wall_time_ns() -> i64 {
+    let since_epoch = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).unwrap_or_default();
+    since_epoch.as_nanos() as i64
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::dataset::Episode;
+    use crate::env::{Action, End, Events, Frame, Outcome, Truth};
+
+    /// A world of six steps whose frame tells the seed and the time.
+    struct Clockwork {
+        seed: u8,
+        time: u8,
+    }
+
+    impl Env for Clockwork {
+        fn reset(&mut self, seed: Seed) {
+            let Seed::Native(seed) = seed else { panic!("the recorder uses our own seeds") };
+            *self = Self { seed: seed as u8, time: 0 };
+        }
+
+        fn advance(&mut self, _: Action) -> Outcome {
+            self.time += 1;
+            let end = (self.time == 6).then_some(End::TimeLimit);
+            let events = Events { grass: self.time == 2, ..Events::default() };
+            Outcome { reward: f32::from(self.time), events, end }
+        }
+
+        fn frame(&self) -> Frame {
+            Frame::new(1, [self.seed, self.time, 0])
+        }
+
+        fn truth(&self) -> Truth {
+            Truth { n_nodes: 300, ..Truth::default() }
+        }
+
+        fn picture(&self, _: u32, _: u32) -> Vec<u8> {
+            Vec::new()
+        }
+    }
+
+    /// Records a range into a dataset of its own and returns the episodes, their wall clock set to 0.
+    fn recorded(dataset: &mut Dataset, episodes: Range<u64>, seed: u64) -> Vec<Episode> {
+        let mut env = Clockwork { seed: 0, time: 0 };
+        record(&mut env, dataset, episodes, seed, |_| ControlFlow::Continue(())).unwrap();
+        let mut episodes: Vec<Episode> = dataset.episodes().map(Result::unwrap).collect();
+        for episode in &mut episodes {
+            episode.wall_times_ns.fill(0);
+        }
+        episodes
+    }
+
+    fn dataset() -> (tempfile::TempDir, Dataset) {
+        let dir = tempfile::tempdir().unwrap();
+        let dataset = Dataset::create_or_open(dir.path(), "clockwork").unwrap();
+        (dir, dataset)
+    }
+
+    #[test]
+    fn an_episode_is_the_same_whatever_was_recorded_before() {
+        let ((_dir, mut all), (_other_dir, mut late)) = (dataset(), dataset());
+        let all = recorded(&mut all, 0..4, 7);
+        let mut late = recorded(&mut late, 2..4, 7);
+        for episode in &mut late {
+            episode.number += 2;
+        }
+        assert_eq!(all[2..], late);
+        assert_ne!(all[0].actions, all[1].actions);
+    }
+
+    #[test]
+    fn a_stopped_run_goes_on_where_it_is_started_again() {
+        let ((_dir, mut whole), (_other_dir, mut halves)) = (dataset(), dataset());
+        let mut env = Clockwork { seed: 0, time: 0 };
+        let mut n_heard = 0;
+        let stop_after_two = |_| {
+            n_heard += 1;
+            if n_heard == 2 { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+        };
+        record(&mut env, &mut halves, 0..5, 3, stop_after_two).unwrap();
+        assert_eq!(halves.n_episodes(), 2);
+        assert_eq!(recorded(&mut halves, 0..5, 3), recorded(&mut whole, 0..5, 3));
+    }
+
+    #[test]
+    fn an_episode_broken_off_by_a_killed_run_is_driven_anew() {
+        let (dir, mut first) = dataset();
+        let info = recorded(&mut first, 0..1, 3).remove(0).info;
+        drop(first);
+        let (killed_dir, killed) = dataset();
+        let step = StepRecord {
+            frame: Frame::new(1, [0; 3]),
+            action: Action::default(),
+            reward: 0.0,
+            grass: false,
+            wall_time_ns: 0,
+        };
+        killed.begin(info).unwrap().push(&step).unwrap();
+        drop(killed);
+        let mut dataset = Dataset::create_or_open(killed_dir.path(), "clockwork").unwrap();
+        assert_eq!(dataset.unfinished().len(), 1);
+        let episodes = recorded(&mut dataset, 0..1, 3);
+        assert_eq!((episodes[0].actions.len(), dataset.unfinished().len()), (6, 0));
+        drop(dir);
+    }
+
+    #[test]
+    fn progress_tells_what_was_driven() {
+        let (_dir, mut dataset) = dataset();
+        let mut env = Clockwork { seed: 0, time: 0 };
+        let mut heard = Vec::new();
+        record(&mut env, &mut dataset, 4..5, 1, |recorded| {
+            heard.push(recorded);
+            ControlFlow::Continue(())
+        })
+        .unwrap();
+        assert_eq!(heard, [Recorded { k: 4, number: 0, n_steps: 6, n_grass: 1, ret: 21.0 }]);
+    }
+}
