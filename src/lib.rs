@@ -7,7 +7,7 @@
 //! 3. A [`query`] shows two segments of dreams; answers become labels, and labels a [`reward`].
 //! 4. A [`planner`] drives the real car by imagining ahead, and [`evaluation`] says how well.
 //!
-//! A [`session`] remembers all of it, a `worker` does each slow part, and `ui` shows them.
+//! A [`session`] remembers all of it, a [`worker`] does each slow part, and `ui` shows them.
 //! Data flows down this page: a module names only those before it (`tests/layering.rs`).
 //!
 //! # Modules
@@ -16,7 +16,7 @@
 //! |---|---|---|
 //! | [`tensor`] | rank checks, initialization, conversions | the only place that copies between Rust memory and torch |
 //! | [`env`] | physics, tracks, drawing, reward events | knows no tensor; a seed and the actions decide everything |
-//! | `dataset` | real episodes on disk: journal, sealed files, streaming reads | memory stays flat however many episodes |
+//! | [`dataset`] | real episodes on disk: journal, sealed files, streaming reads | memory stays flat however many episodes |
 //! | [`world_model`] | VAE, MDN-RNN, their fitting | knows no window or clock; the only place that knows the order `[z \| c \| h]` |
 //! | [`query`] | segments, what can be asked and answered, labels | plain data: no tensor |
 //! | [`dream`] | stepping the model as an environment | holds no randomness of its own: noise comes from the caller |
@@ -24,8 +24,8 @@
 //! | [`planner`] | candidates, imagined returns, the choice | a pure function of state, models and generator |
 //! | [`simulate`] | stand-ins for people: pilot, probe, annotator | once it labels it sees frames, never the simulator |
 //! | [`evaluation`] | episodes in the real world, metrics | takes a policy, returns numbers; same tracks for every method |
-//! | [`session`] | events, their log, replay; arrays and weights on disk | with `dataset` the only module that touches files; a session *is* its log |
-//! | `worker` | threads | the only module that starts one; a worker owns its models and shares nothing |
+//! | [`session`] | events, their log, replay; arrays and weights on disk | with [`dataset`] the only module that touches files; a session *is* its log |
+//! | [`worker`] | threads | the only module that starts one; a worker owns its models and shares nothing |
 //! | `ui` | egui, input devices, pictures | decides nothing: draws state, returns commands |
 //!
 //! # Shapes
@@ -60,3 +60,4 @@ pub mod planner;
 pub mod simulate;
 pub mod evaluation;
 pub mod session;
+pub mod worker;

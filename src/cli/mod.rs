@@ -2,8 +2,14 @@
 #![expect(clippy::print_stdout, reason = "the command line speaks on standard output")]
 #![expect(clippy::print_stderr, reason = "and of its progress on standard error")]
 
+mod check_world;
+mod deploy;
+mod fit_probe;
 mod fit_world;
+mod models;
 mod record;
+mod replay;
+mod simulate;
 mod trace;
 
 use clap::{Parser, Subcommand, ValueEnum};
@@ -22,6 +28,16 @@ enum Command {
     Record(record::Options),
     /// Train a world model on recorded episodes (step 1)
     FitWorld(fit_world::Options),
+    /// Say how true a world model is, on episodes that it was not trained on
+    CheckWorld(check_world::Options),
+    /// Fit the probe, through which simulated people see
+    FitProbe(fit_probe::Options),
+    /// Play dreams, answer queries and fit a reward, with simulated people (steps 2 and 3)
+    Simulate(simulate::Options),
+    /// Drive the real car by a session's reward (step 4)
+    Deploy(deploy::Options),
+    /// Go through a session again from its files
+    Replay(replay::Options),
     /// Print an episode step by step, in the columns of the reference traces
     Trace(trace::Options),
 }
@@ -53,6 +69,11 @@ pub(crate) fn run(cli: Cli) -> anyhow::Result<()> {
         None => anyhow::bail!("the window is not built yet"),
         Some(Command::Record(options)) => record::run(&options),
         Some(Command::FitWorld(options)) => fit_world::run(&options),
+        Some(Command::CheckWorld(options)) => check_world::run(&options),
+        Some(Command::FitProbe(options)) => fit_probe::run(&options),
+        Some(Command::Simulate(options)) => simulate::run(&options),
+        Some(Command::Deploy(options)) => deploy::run(&options),
+        Some(Command::Replay(options)) => replay::run(&options),
         Some(Command::Trace(options)) => trace::run(&options),
     }
 }

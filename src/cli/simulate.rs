@@ -131,7 +131,9 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
         store.save_dream(dream, DreamSource::Simulated)?;
     }
     for answered in &simulated.answers {
-        store.record(Event::Asked { query: answered.query, choice: Choice::Uniform })?;
+        let query = answered.query;
+        let asked = Event::Asked { query: query.id, left: query.left, right: query.right, choice: Choice::Uniform };
+        store.record(asked)?;
         let answer = Answer::new(answered.query.id, answered.response, 0.0, "simulated");
         store.record(Event::Answered(answer))?;
     }

@@ -2,6 +2,7 @@
 //!
 //! Takes a policy and returns numbers; every method drives the same tracks.
 
+pub mod fidelity;
 pub mod metrics;
 pub mod table;
 

@@ -37,7 +37,7 @@ pub use journal::{DreamJournal, UnfinishedDream};
 pub use recent::{Recent, recent};
 pub use replay::{REFIT_TOLERANCE, Replay, ReplayedFit, replay};
 pub use statistics::Statistics;
-pub use store::SessionStore;
+pub use store::{SessionStore, now};
 
 /// An answer and the line that tells of it.
 #[derive(Clone, Debug, PartialEq)]

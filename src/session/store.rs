@@ -158,6 +158,11 @@ impl SessionStore {
         world_model(&self.dir, &self.header)
     }
 
+    /// The world model of the session in `dir`, without opening the session for writing.
+    pub fn read_world_model(dir: &Path) -> Result<WorldModel, SessionError> {
+        world_model(dir, &Header::read(dir)?)
+    }
+
     /// Writes the answers that count as a table to `path`.
     pub fn export_labels(&self, path: &Path) -> Result<(), SessionError> {
         let table = export::labels_csv(&self.session);
@@ -274,6 +279,7 @@ fn read_hashed(path: &Path, hash: &str) -> Result<Vec<u8>, SessionError> {
     if sha256(&bytes) == hash { Ok(bytes) } else { Err(SessionError::Changed { path: path.to_owned() }) }
 }
 
-fn now() -> u64 {
+/// Milliseconds since 1970.
+pub fn now() -> u64 {
     SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).map_or(0, |since| since.as_millis() as u64)
 }
