@@ -11,15 +11,18 @@ mod record;
 mod replay;
 mod simulate;
 mod trace;
+mod window;
 
 use clap::{Parser, Subcommand, ValueEnum};
 
 /// Safe reward learning from a person who drives in a dream and says what they prefer, and why.
 #[derive(Debug, Parser)]
-#[command(version, about)]
+#[command(version, about, args_conflicts_with_subcommands = true)]
 pub(crate) struct Cli {
     #[command(subcommand)]
     command: Option<Command>,
+    #[command(flatten)]
+    window: window::Options,
 }
 
 #[derive(Debug, Subcommand)]
@@ -66,7 +69,7 @@ impl EnvName {
 /// Carries out what was asked.
 pub(crate) fn run(cli: Cli) -> anyhow::Result<()> {
     match cli.command {
-        None => anyhow::bail!("the window is not built yet"),
+        None => window::run(cli.window),
         Some(Command::Record(options)) => record::run(&options),
         Some(Command::FitWorld(options)) => fit_world::run(&options),
         Some(Command::CheckWorld(options)) => check_world::run(&options),

@@ -432,7 +432,8 @@ fn encode(
     let store = nn::VarStore::new(Device::Cpu);
     let vae = Vae::new(&store.root(), config.vae.clone(), Kind::Float, &mut ChaCha8Rng::seed_from_u64(0));
     Parameters::of(&[("net", vision)], &[]).load("net", &store)?;
-    let vae = vae.frozen(Kind::Float);
+    // Noise is added to these anyway; the quick arithmetic is exact enough, and there are a great many.
+    let vae = vae.frozen(fast_kind());
     let n = dataset.n_episodes();
     for i in 0..n {
         if run.load(&latents_name(i))?.is_none() {
