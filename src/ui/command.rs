@@ -1,0 +1,164 @@
+//! What a person can ask of the window: panels push these while drawing, the app carries them out afterwards.
+
+use std::path::PathBuf;
+
+use eframe::egui::ThemePreference;
+
+use crate::query::{Justification, Protocol, QueryId, Response, SkipReason};
+
+/// A place in the window, in the order of the work.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub enum Panel {
+    /// Driving the real car to record it.
+    Record,
+    /// Fitting and choosing a world model.
+    World,
+    /// Driving in a dream.
+    #[default]
+    Dream,
+    /// Answering queries.
+    Label,
+    /// Watching the reward learn.
+    Reward,
+    /// Watching the planner drive.
+    Deploy,
+}
+
+impl Panel {
+    /// All of them, in the order of the work.
+    pub const ALL: [Self; 6] = [Self::Record, Self::World, Self::Dream, Self::Label, Self::Reward, Self::Deploy];
+
+    /// What it is called.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Record => "Record",
+            Self::World => "World model",
+            Self::Dream => "Dream",
+            Self::Label => "Label",
+            Self::Reward => "Reward",
+            Self::Deploy => "Deploy",
+        }
+    }
+}
+
+/// A field that can be typed into.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub enum Field {
+    /// The folder of recordings, to record into and to fit from.
+    Dataset,
+    /// The file of the world model that is fitted.
+    ModelOut,
+    /// The file of a world model to load.
+    ModelIn,
+    /// The seed of the track to record on.
+    RecordSeed,
+    /// The seed of the track to deploy on.
+    DeploySeed,
+    /// The folder of a session to open.
+    Session,
+    /// Who answers.
+    Annotator,
+}
+
+/// One thing to do, once the frame is drawn.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Command {
+    /// Goes to a panel.
+    Show(Panel),
+    /// Puts text into a field.
+    Edit(Field, String),
+    /// Asks the system's dialog for a field.
+    Browse(Field),
+    /// Chooses light, dark or what the system says.
+    Theme(ThemePreference),
+    /// Opens or closes the list of keys.
+    ToggleHelp,
+    /// Opens or closes the list of sessions.
+    ToggleSessions,
+    /// Takes a message away.
+    Dismiss(u64),
+
+    /// Begins a new session with these questions.
+    NewSession(Protocol),
+    /// Opens the session in a folder.
+    OpenSession(PathBuf),
+    /// Keeps the dreams that a killed program left behind.
+    RecoverDreams,
+    /// Throws them away.
+    DiscardUnfinished,
+
+    /// Begins to record an episode.
+    StartRecording,
+    /// Stops the clock of the recording, or lets it go on.
+    PauseRecording,
+    /// Ends the recording and keeps it.
+    KeepRecording,
+    /// Throws the recording away and begins another on the same track.
+    RedoRecording,
+    /// Throws the recording away.
+    LeaveRecording,
+
+    /// Fits a world model to the recordings.
+    FitWorld {
+        /// Whether from the last checkpoint.
+        resume: bool,
+    },
+    /// Stops that; it can be resumed.
+    StopFit,
+    /// Loads the world model in a file.
+    LoadWorld(PathBuf),
+
+    /// Chooses where dreams begin.
+    ChooseStart(usize),
+    /// Begins a dream.
+    StartDream,
+    /// Stops the clock of the dream, or lets it go on.
+    PauseDream,
+    /// One step of a dream that stands.
+    StepDream,
+    /// Marks the present step as unsafe.
+    MarkUnsafe,
+    /// Ends the dream and keeps it.
+    KeepDream,
+    /// Throws the dream away and begins another from the same state.
+    RedoDream,
+    /// Throws the dream away.
+    LeaveDream,
+
+    /// Answers the query that is shown.
+    Answer(Response),
+    /// Says whether a clip stays safe, in the guided questions.
+    GuidedSafe(bool),
+    /// Asks one question at a time, or all at once.
+    Guide(bool),
+    /// Names the justification that the next preference rests on.
+    Justify(Justification),
+    /// Says why the last query was skipped.
+    GiveReason(SkipReason),
+    /// Takes back the last answer.
+    Undo,
+    /// Gives back what was taken back last.
+    Redo,
+    /// Marks the query that is shown for a second look, or removes the mark.
+    Flag,
+    /// Answers this query again.
+    Revisit(QueryId),
+    /// Begins the clips anew.
+    RestartClips,
+    /// Stops the clips, or lets them go on.
+    PauseClips,
+    /// Moves the standing clips by so many frames.
+    StepClips(i32),
+    /// Makes the clips faster, or slower.
+    Faster(bool),
+
+    /// Fits the reward to all answers, to the end.
+    FitReward,
+
+    /// Lets the planner drive an episode.
+    Drive,
+    /// Stops its clock, or lets it go on.
+    PauseDrive,
+    /// Ends the episode.
+    StopDrive,
+}

@@ -1,0 +1,341 @@
+//! What comes in between two pictures of the window: hands, reports, live pictures, and the clock of the clips.
+
+use std::time::{Duration, Instant};
+
+use eframe::egui::{Context, TextureHandle};
+
+use crate::query::{Preference, Protocol, QueryId, Response, SEGMENT_LEN, SafetyAnswer};
+use crate::session::{DreamJournal, DreamSource, Fit};
+use crate::tensor::Parameters;
+use crate::ui::command::{Command, Panel};
+use crate::ui::crew::Order;
+use crate::ui::input::{PadButton, PadEvent};
+use crate::ui::state::{Dreaming, LoadedWorld, Pair, State, World};
+use crate::ui::widgets::clip;
+use crate::ui::App;
+use crate::dream::DreamEpisode;
+use crate::worker::{ClipperCommand, DriverCommand, Report, TrainerCommand};
+
+/// Frames for which a clip stands at its end before it begins again.
+const REST: f64 = 5.0;
+/// Pairs of clips that stay on the graphics card, so that undoing shows them at once.
+const N_PAIRS: usize = 40;
+
+impl World {
+    /// The state for a world model that has just been loaded.
+    pub(super) fn of(ctx: &Context, loaded: LoadedWorld, dream: &mut Dreaming) -> Self {
+        let picture = |start: &crate::ui::DreamStart| -> Option<TextureHandle> {
+            start.picture.as_ref().map(|frame| clip::texture(ctx, &start.name, frame))
+        };
+        dream.thumbnails = loaded.starts.iter().map(picture).collect();
+        (dream.start_idx, dream.live, dream.picture) = (0, None, None);
+        let hash = loaded.parameters.hash();
+        Self { loaded: Some(loaded), hash, ..Self::default() }
+    }
+}
+
+impl App {
+    pub(super) fn hear_hands(&mut self, ctx: &Context) {
+        let mut commands = Vec::new();
+        for event in self.input.poll() {
+            match event {
+                PadEvent::Connected(name) => {
+                    self.note(format!("{name} is plugged in"));
+                    self.state.pads.push(name);
+                }
+                PadEvent::Disconnected(name) => {
+                    self.hands.release();
+                    self.state.pads.retain(|pad| *pad != name);
+                    let text = format!("{name} was unplugged: everything on it is let go, and the keys still drive");
+                    self.warn(text);
+                }
+                PadEvent::Moved(pad) => self.hands.hold(pad),
+                PadEvent::Pressed(button) => commands.extend(pad_command(&self.state, button)),
+            }
+        }
+        let is_covered = self.state.help_open || self.state.sessions_open || ctx.text_edit_focused();
+        let is_driving = self.state.is_driving() && !is_covered;
+        self.hands.hear(ctx, is_driving);
+        if self.state.is_driving() {
+            let action = if is_driving { self.hands.action() } else { crate::env::Action::default() };
+            self.state.dream.action = action;
+            self.slots.action.put((action, Instant::now()));
+        }
+        for command in commands {
+            self.act(ctx, command);
+        }
+    }
+
+    pub(super) fn hear_reports(&mut self, ctx: &Context) {
+        while let Ok(report) = self.inbox.try_recv() {
+            self.hear(ctx, report);
+        }
+    }
+
+    fn hear(&mut self, ctx: &Context, report: Report) {
+        match report {
+            Report::Dreamt { episode, journal } => self.dreamt(episode, journal),
+            Report::Clips { query, left, right } => {
+                let put = |frames: &[crate::env::Frame]| {
+                    frames.iter().map(|frame| clip::texture(ctx, "clip", frame)).collect()
+                };
+                self.state.label.asked.retain(|asked| *asked != query.id);
+                self.state.label.pairs.insert(query.id, Pair { left: put(&left), right: put(&right) });
+                self.forget_far_pairs();
+            }
+            Report::Learning(learning) => self.state.reward.hear(learning),
+            Report::Learned { parameters, n_labels, fit } => self.learned(parameters, n_labels, fit),
+            Report::Drove { seed, metrics } => {
+                self.state.deploy.is_on = false;
+                self.state.deploy.episodes.push((seed, metrics));
+            }
+            Report::Recorded { episode, n_steps } => {
+                self.state.record.is_on = false;
+                self.state.record.kept.push((episode, n_steps));
+                self.done(format!("episode {episode} is on disk: {n_steps} steps"));
+            }
+            Report::Modeling(progress) => {
+                let now = self.state.now;
+                self.state.world.fit.get_or_insert_default().hear(progress, now);
+            }
+            Report::Modeled(path) => {
+                self.state.world.fit = None;
+                self.state.world.fitted = Some(path.clone());
+                let text = "the new world model is on disk".to_owned();
+                self.offer(text, vec![("Use it".to_owned(), Command::LoadWorld(path))]);
+            }
+            Report::Failed { worker, message } => self.worker_failed(worker, &message),
+        }
+    }
+
+    fn dreamt(&mut self, episode: DreamEpisode, journal: Option<DreamJournal>) {
+        self.state.dream.is_on = false;
+        self.state.dream.is_ending = false;
+        if !episode.is_usable() {
+            let n = episode.len();
+            self.warn(format!("the dream had {n} steps and was not kept: a segment needs {SEGMENT_LEN}"));
+            journal.map(DreamJournal::discard);
+            return;
+        }
+        let Some(store) = &mut self.state.store else {
+            self.fail("the dream could not be kept, for there is no session to keep it in".to_owned());
+            return;
+        };
+        match store.save_dream(&episode, DreamSource::User) {
+            Ok(id) => {
+                let n = episode.len();
+                self.teach_dream(id, episode);
+                self.done(format!("dream {} is kept: {n} steps", id.0 + 1));
+                if let Some(Err(e)) = journal.map(DreamJournal::discard) {
+                    log::warn!("{e}");
+                }
+            }
+            // The journal stays where it is, and with it the dream.
+            Err(e) => {
+                let text = format!("the dream is not lost but could not be kept yet: {e}");
+                self.fail_with(text, vec![("Try again".to_owned(), Command::RecoverDreams)]);
+            }
+        }
+    }
+
+    fn learned(&mut self, parameters: Parameters, n_labels: usize, fit: Option<(u64, Vec<f32>)>) {
+        self.crew.send(Order::Driver(DriverCommand::Reward(parameters.clone())));
+        let reward = &mut self.state.reward;
+        reward.n_learned = n_labels;
+        reward.parameters = Some(parameters.clone());
+        let Some((seed, losses)) = fit else { return };
+        reward.is_fitting = false;
+        let latest = reward.latest.as_ref();
+        let (epochs, held_out) = latest.map_or((0, None), |latest| (latest.epoch, latest.held_out_loss));
+        let Some(store) = &mut self.state.store else { return };
+        let after = store.session().n_entries();
+        let fit = Fit { after, n_labels, seed, epochs: epochs as u32, losses, held_out };
+        match store.save_reward(&parameters, fit) {
+            Ok(()) => self.done(format!("the reward is fitted to {n_labels} answers and saved")),
+            Err(e) => self.fail(e.to_string()),
+        }
+    }
+
+    fn worker_failed(&mut self, worker: &'static str, message: &str) {
+        let mut ways = Vec::new();
+        match worker {
+            "dreamer" => (self.state.dream.is_on, self.state.dream.is_ending) = (false, false),
+            "trainer" => self.state.reward.is_fitting = false,
+            "driver" => self.state.deploy.is_on = false,
+            "recorder" => self.state.record.is_on = false,
+            "modeler" => {
+                self.state.world.fit = None;
+                ways.push(("Go on".to_owned(), Command::FitWorld { resume: true }));
+                if message.starts_with("stopped") {
+                    let text = "the fit is stopped and goes on from its last checkpoint when you like".to_owned();
+                    self.offer(text, ways);
+                    return;
+                }
+            }
+            _ => {}
+        }
+        self.fail_with(message.to_owned(), ways);
+    }
+
+    pub(super) fn hear_slots(&mut self, ctx: &Context) {
+        if let Some(view) = self.slots.dream.take().filter(|_| self.state.dream.is_on) {
+            clip::put(ctx, &mut self.state.dream.picture, &view.frame);
+            self.state.dream.live = Some(view);
+        }
+        if let Some(view) = self.slots.record.take().filter(|_| self.state.record.is_on) {
+            match &view.picture {
+                Some((width, height, rgb)) => {
+                    clip::put_picture(ctx, &mut self.state.record.picture, (*width, *height, rgb));
+                }
+                None => clip::put(ctx, &mut self.state.record.picture, &view.frame),
+            }
+            self.state.record.live = Some(view);
+        }
+        if let Some(view) = self.slots.drive.take() {
+            let deploy = &mut self.state.deploy;
+            let (width, height, rgb) = &view.picture;
+            clip::put_picture(ctx, &mut deploy.picture, (*width, *height, rgb));
+            let is_new = deploy.view.as_ref().is_none_or(|old| !std::sync::Arc::ptr_eq(&old.candidates, &view.candidates));
+            if is_new {
+                let last = |candidate: &crate::worker::CandidateView| {
+                    candidate.frames.last().map(|frame| clip::texture(ctx, "candidate", frame))
+                };
+                deploy.candidates = view.candidates.iter().map(last).collect();
+            }
+            deploy.view = Some(view);
+        }
+    }
+
+    pub(super) fn hear_dialog(&mut self) {
+        let Some(dialog) = &mut self.dialog else { return };
+        let field = dialog.field;
+        let Some(chosen) = dialog.poll() else { return };
+        self.dialog = None;
+        if let Some(path) = chosen {
+            self.state.fields.insert(field, path.display().to_string());
+        }
+    }
+
+    /// Keeps the next clips ready, and moves those on the screen.
+    pub(super) fn show_clips(&mut self, ctx: &Context) {
+        if self.state.panel != Panel::Label {
+            self.state.label.shown = None;
+            return;
+        }
+        self.ask();
+        let current = self.state.current().map(|query| query.id);
+        let now = self.state.now;
+        let label = &mut self.state.label;
+        let ready = current.filter(|id| label.pairs.contains_key(id));
+        if label.shown.map(|(id, _)| id) != ready {
+            label.shown = ready.map(|id| (id, now));
+            (label.playhead, label.loops, label.is_standing) = (0.0, 0, false);
+        }
+        if ready.is_some() && !label.is_standing {
+            let dt = f64::from(ctx.input(|input| input.stable_dt)).min(0.25);
+            label.playhead += dt * label.speed;
+            let end = SEGMENT_LEN as f64 + REST;
+            if label.playhead >= end {
+                label.playhead %= end;
+                label.loops += 1;
+            }
+        }
+    }
+
+    fn forget_far_pairs(&mut self) {
+        let wanted: Vec<QueryId> = self.state.upcoming().iter().take(8).map(|query| query.id).collect();
+        let pairs = &mut self.state.label.pairs;
+        while pairs.len() > N_PAIRS {
+            let Some(far) = pairs.keys().find(|id| !wanted.contains(id)).copied() else { break };
+            pairs.remove(&far);
+        }
+    }
+
+    pub(super) fn schedule(&self, ctx: &Context) {
+        let state = &self.state;
+        if state.is_driving() {
+            ctx.request_repaint_after(self.pace.max(Duration::from_millis(16)));
+        }
+        if state.panel == Panel::Label && state.label.shown.is_some() && !state.label.is_standing {
+            ctx.request_repaint_after(self.pace.max(Duration::from_secs_f64(0.5 / state.label.speed)));
+        }
+        if !state.pads.is_empty() {
+            ctx.request_repaint_after(Duration::from_millis(50));
+        }
+        let until = state.toasts.iter().filter_map(|toast| toast.until).reduce(f64::min);
+        if let Some(until) = until {
+            ctx.request_repaint_after(Duration::from_secs_f64((until - state.now).max(0.05)));
+        }
+    }
+
+    /// Tells the workers of a dream.
+    pub(super) fn teach_dream(&mut self, id: crate::query::DreamId, episode: DreamEpisode) {
+        let episode = std::sync::Arc::new(episode);
+        self.crew.send(Order::Clipper(ClipperCommand::AddDream(id, episode.clone())));
+        self.crew.send(Order::Trainer(TrainerCommand::AddDream(id, episode)));
+    }
+}
+
+/// What a button of a pad means on the panel that is shown.
+fn pad_command(state: &State, button: PadButton) -> Option<Command> {
+    match state.panel {
+        Panel::Dream if state.dream.is_on => Some(match button {
+            PadButton::North => Command::KeepDream,
+            PadButton::West => Command::RedoDream,
+            PadButton::South => Command::MarkUnsafe,
+            PadButton::Start => Command::PauseDream,
+            PadButton::East => Command::LeaveDream,
+            _ => return None,
+        }),
+        Panel::Dream => matches!(button, PadButton::Start | PadButton::South).then_some(Command::StartDream),
+        Panel::Record if state.record.is_on => Some(match button {
+            PadButton::North => Command::KeepRecording,
+            PadButton::West => Command::RedoRecording,
+            PadButton::Start => Command::PauseRecording,
+            PadButton::East => Command::LeaveRecording,
+            _ => return None,
+        }),
+        Panel::Record => matches!(button, PadButton::Start | PadButton::South).then_some(Command::StartRecording),
+        Panel::Label => label_command(state, button),
+        _ => None,
+    }
+}
+
+fn label_command(state: &State, button: PadButton) -> Option<Command> {
+    let preference = match button {
+        PadButton::Left => Some(Preference::Left),
+        PadButton::Right => Some(Preference::Right),
+        PadButton::Up | PadButton::South => Some(Preference::Equal),
+        _ => None,
+    };
+    match button {
+        PadButton::East => return Some(Command::Answer(Response::Skipped(None))),
+        PadButton::Back => return Some(Command::Undo),
+        _ => {}
+    }
+    let protocol = state.protocol();
+    if protocol == Protocol::Dropj {
+        if state.label.is_guided && state.label.guided != [true, true] {
+            return match button {
+                PadButton::South => Some(Command::GuidedSafe(true)),
+                PadButton::West => Some(Command::GuidedSafe(false)),
+                _ => None,
+            };
+        }
+        let answer = match button {
+            PadButton::LeftShoulder => SafetyAnswer::OnlyLeft,
+            PadButton::RightShoulder => SafetyAnswer::OnlyRight,
+            PadButton::Down => SafetyAnswer::Neither,
+            _ => SafetyAnswer::Both(preference?),
+        };
+        return Some(Command::Answer(Response::Safety(answer)));
+    }
+    let response = match protocol {
+        Protocol::DropjMulti => {
+            let justification = state.label.justification.unwrap_or(state.weights().justifications.default());
+            Response::Justified(justification, preference?)
+        }
+        _ => Response::Preferred(preference?),
+    };
+    Some(Command::Answer(response)).filter(|_| protocol.permits(&response))
+}

@@ -1,0 +1,248 @@
+//! Keys and pads as the window hears them.
+//!
+//! Decides nothing about driving: what is held becomes an action in [`env::controls`](crate::env::controls).
+
+use std::fmt;
+
+use eframe::egui::{Context, Event, Id, Key, Ui};
+
+use crate::env::Action;
+use crate::env::controls::{ControlConfig, DrivingKey, HeldKeys, Pad, combined};
+
+/// A button of a pad, by what it is for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum PadButton {
+    /// The lower of the four: A.
+    South,
+    /// The right one: B.
+    East,
+    /// The left one: X.
+    West,
+    /// The upper one: Y.
+    North,
+    /// The left shoulder.
+    LeftShoulder,
+    /// The right shoulder.
+    RightShoulder,
+    /// To the left on the cross.
+    Left,
+    /// To the right on the cross.
+    Right,
+    /// Up on the cross.
+    Up,
+    /// Down on the cross.
+    Down,
+    /// The right one in the middle.
+    Start,
+    /// The left one in the middle.
+    Back,
+}
+
+/// What a pad did.
+#[derive(Clone, Debug, PartialEq)]
+pub enum PadEvent {
+    /// It was plugged in.
+    Connected(String),
+    /// It was unplugged, or its battery died.
+    Disconnected(String),
+    /// A button went down.
+    Pressed(PadButton),
+    /// The stick and both triggers are here now.
+    Moved(Pad),
+}
+
+/// Where pad events come from: a device, nothing, or a script.
+pub trait InputSource {
+    /// What happened since the last time.
+    fn poll(&mut self) -> Vec<PadEvent>;
+}
+
+/// No pads at all.
+#[derive(Debug)]
+pub struct NoPads;
+
+impl InputSource for NoPads {
+    fn poll(&mut self) -> Vec<PadEvent> {
+        Vec::new()
+    }
+}
+
+/// The pads of this machine.
+pub struct Gilrs {
+    gilrs: gilrs::Gilrs,
+    active: Option<gilrs::GamepadId>,
+}
+
+impl fmt::Debug for Gilrs {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("Gilrs")
+    }
+}
+
+/// The pads of this machine, or none where they cannot be asked for.
+pub fn system_pads() -> Box<dyn InputSource> {
+    match gilrs::Gilrs::new() {
+        Ok(gilrs) => Box::new(Gilrs { gilrs, active: None }),
+        Err(e) => {
+            log::info!("no gamepads: {e}");
+            Box::new(NoPads)
+        }
+    }
+}
+
+impl InputSource for Gilrs {
+    fn poll(&mut self) -> Vec<PadEvent> {
+        let mut events = Vec::new();
+        let mut has_moved = false;
+        while let Some(gilrs::Event { id, event, .. }) = self.gilrs.next_event() {
+            let name = || self.gilrs.gamepad(id).name().to_owned();
+            match event {
+                gilrs::EventType::Connected => events.push(PadEvent::Connected(name())),
+                gilrs::EventType::Disconnected => {
+                    if self.active == Some(id) {
+                        self.active = None;
+                    }
+                    events.push(PadEvent::Disconnected(name()));
+                }
+                gilrs::EventType::ButtonPressed(button, _) => {
+                    self.active = Some(id);
+                    events.extend(pad_button(button).map(PadEvent::Pressed));
+                }
+                gilrs::EventType::AxisChanged(..) | gilrs::EventType::ButtonChanged(..) => {
+                    self.active = Some(id);
+                    has_moved = true;
+                }
+                _ => {}
+            }
+        }
+        if let Some(id) = self.active.filter(|_| has_moved) {
+            let pad = self.gilrs.gamepad(id);
+            let trigger = |button| pad.button_data(button).map_or(0.0, gilrs::ev::state::ButtonData::value);
+            events.push(PadEvent::Moved(Pad {
+                stick: pad.value(gilrs::Axis::LeftStickX),
+                right_trigger: trigger(gilrs::Button::RightTrigger2),
+                left_trigger: trigger(gilrs::Button::LeftTrigger2),
+            }));
+        }
+        events
+    }
+}
+
+fn pad_button(button: gilrs::Button) -> Option<PadButton> {
+    Some(match button {
+        gilrs::Button::South => PadButton::South,
+        gilrs::Button::East => PadButton::East,
+        gilrs::Button::West => PadButton::West,
+        gilrs::Button::North => PadButton::North,
+        gilrs::Button::LeftTrigger => PadButton::LeftShoulder,
+        gilrs::Button::RightTrigger => PadButton::RightShoulder,
+        gilrs::Button::DPadLeft => PadButton::Left,
+        gilrs::Button::DPadRight => PadButton::Right,
+        gilrs::Button::DPadUp => PadButton::Up,
+        gilrs::Button::DPadDown => PadButton::Down,
+        gilrs::Button::Start => PadButton::Start,
+        gilrs::Button::Select => PadButton::Back,
+        _ => return None,
+    })
+}
+
+/// The driver's hands: what is held on keys and pad.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Hands {
+    keys: HeldKeys,
+    pad: Pad,
+    /// Keys that went down and up within one frame: they count until the next.
+    tapped: Vec<DrivingKey>,
+}
+
+impl Hands {
+    /// Takes in the key events of a frame; `is_driving` says whether keys drive now.
+    pub(crate) fn hear(&mut self, ctx: &Context, is_driving: bool) {
+        for key in std::mem::take(&mut self.tapped) {
+            self.keys.set(key, false);
+        }
+        let (events, has_focus) = ctx.input(|input| (input.events.clone(), input.focused));
+        let mut went_down = Vec::new();
+        for event in events {
+            match event {
+                Event::Key { key, pressed: true, modifiers, .. } if is_driving && !modifiers.command => {
+                    if let Some(key) = driving_key(key) {
+                        self.keys.set(key, true);
+                        went_down.push(key);
+                    }
+                }
+                Event::Key { key, pressed: false, .. } => {
+                    let Some(key) = driving_key(key) else { continue };
+                    if went_down.contains(&key) {
+                        self.tapped.push(key);
+                    } else {
+                        self.keys.set(key, false);
+                    }
+                }
+                Event::WindowFocused(false) => self.keys.release_all(),
+                _ => {}
+            }
+        }
+        if !has_focus || !is_driving {
+            self.keys.release_all();
+            self.tapped.clear();
+        }
+    }
+
+    /// Takes in where a pad's stick and triggers are.
+    pub(crate) fn hold(&mut self, pad: Pad) {
+        self.pad = pad;
+    }
+
+    /// Lets go of everything.
+    pub(crate) fn release(&mut self) {
+        *self = Self::default();
+    }
+
+    /// What the hands say.
+    pub(crate) fn action(&self) -> Action {
+        combined(&self.keys, &self.pad, &ControlConfig::paper())
+    }
+}
+
+fn driving_key(key: Key) -> Option<DrivingKey> {
+    match key {
+        Key::ArrowLeft | Key::A => Some(DrivingKey::Left),
+        Key::ArrowRight | Key::D => Some(DrivingKey::Right),
+        Key::ArrowUp | Key::W => Some(DrivingKey::Up),
+        Key::ArrowDown | Key::S => Some(DrivingKey::Down),
+        _ => None,
+    }
+}
+
+/// Whether keys press buttons now: not while somebody types or a dialog is open.
+pub(crate) fn set_live(ctx: &Context, is_live: bool) {
+    ctx.data_mut(|data| data.insert_temp(Id::unique("keys are live"), is_live));
+}
+
+/// Whether `key` went down in this frame, and nobody else wants it.
+pub(crate) fn pressed(ui: &Ui, key: Key) -> bool {
+    let ctx = ui.ctx();
+    let is_live = ctx.data(|data| data.get_temp(Id::unique("keys are live")).unwrap_or(true));
+    if !is_live || ctx.text_edit_focused() {
+        return false;
+    }
+    // A control that was reached with Tab keeps the keys that press and leave it.
+    let is_for_controls = matches!(
+        key,
+        Key::Space | Key::Enter | Key::Escape | Key::ArrowLeft | Key::ArrowRight | Key::ArrowUp | Key::ArrowDown
+    );
+    if is_for_controls && ctx.memory(|memory| memory.focused().is_some()) {
+        return false;
+    }
+    ctx.input(|input| input.events.iter().any(|event| is_press(event, key)))
+}
+
+fn is_press(event: &Event, wanted: Key) -> bool {
+    match event {
+        Event::Key { key, pressed: true, repeat: false, modifiers, .. } => {
+            *key == wanted && !modifiers.command && !modifiers.ctrl && !modifiers.alt
+        }
+        _ => false,
+    }
+}

@@ -1,0 +1,211 @@
+//! The window: draws the state, hears keys and pads, and returns commands.
+//!
+//! Panels are functions of the state that push [`Command`]s; the app carries them out after the frame, and
+//! `App::record` is the only place where the session changes. Nothing here touches a file or starts a thread.
+
+mod act;
+mod command;
+mod crew;
+mod dialog;
+mod hear;
+mod input;
+mod panels;
+mod state;
+mod tokens;
+mod widgets;
+
+use std::path::{Path, PathBuf};
+use std::sync::mpsc::Receiver;
+use std::time::Duration;
+
+use eframe::egui::{self, Context, ThemePreference, ViewportBuilder};
+use eframe::{CreationContext, egui_wgpu, wgpu};
+
+use crate::session::SessionStore;
+use crate::tensor::Parameters;
+use crate::worker::{Report, Reports};
+
+pub use command::{Command, Field, Panel};
+pub use crew::{Crew, Order, Plans, Slots, Threads};
+pub use input::{Gilrs, InputSource, NoPads, PadButton, PadEvent, system_pads};
+pub use state::{DreamStart, LoadedWorld};
+
+use dialog::Dialog;
+use input::Hands;
+use state::{State, World};
+
+/// Makes a world model out of a file, or says in a sentence why it cannot.
+pub type Load = Box<dyn Fn(&Path) -> Result<LoadedWorld, String>>;
+
+/// Starts the workers, which send their reports where they are told.
+pub type Hire = Box<dyn FnOnce(&Reports, Option<&Parameters>) -> Box<dyn Crew>>;
+
+/// What a window begins with.
+pub struct Startup {
+    /// The folder of sessions.
+    pub sessions: PathBuf,
+    /// The folder of recordings.
+    pub dataset: PathBuf,
+    /// The world model, or why there is none.
+    pub world: Result<LoadedWorld, String>,
+    /// The session to go on with; without one, a new one begins with the first dream.
+    pub session: Option<SessionStore>,
+    /// How other world models are loaded.
+    pub load: Load,
+    /// Who does the slow work.
+    pub hire: Hire,
+    /// Where pads are read.
+    pub input: Box<dyn InputSource>,
+}
+
+/// The window's application.
+pub struct App {
+    state: State,
+    crew: Box<dyn Crew>,
+    slots: Slots,
+    inbox: Receiver<Report>,
+    input: Box<dyn InputSource>,
+    hands: Hands,
+    load: Load,
+    sessions: PathBuf,
+    dialog: Option<Dialog>,
+    next_toast: u64,
+    /// The least time between two pictures of the window.
+    pace: Duration,
+}
+
+/// Opens the window and stays until it is closed; what prevents that is one sentence.
+pub fn run(startup: Startup) -> Result<(), String> {
+    let viewport = ViewportBuilder::default()
+        .with_title("dropj")
+        .with_app_id("dropj")
+        .with_inner_size([1280.0, 820.0])
+        .with_min_inner_size([880.0, 600.0]);
+    let options = eframe::NativeOptions { viewport, ..eframe::NativeOptions::default() };
+    let create = |cc: &CreationContext<'_>| -> Result<Box<dyn eframe::App>, Box<dyn std::error::Error + Send + Sync>> {
+        Ok(Box::new(App::new(cc, startup)))
+    };
+    eframe::run_native("dropj", options, Box::new(create)).map_err(|e| sentence(&e))
+}
+
+/// What to tell somebody whose window did not open.
+fn sentence(error: &eframe::Error) -> String {
+    let way = "everything but the window also works from the command line: see `dropj --help`";
+    match error {
+        eframe::Error::Winit(_) | eframe::Error::WinitEventLoop(_) => {
+            format!("cannot open a window, for there is no display ({error}); {way}")
+        }
+        eframe::Error::Wgpu(egui_wgpu::WgpuError::RequestAdapterError(_)) => format!(
+            "cannot draw a window, for there is neither a graphics card nor a software renderer ({error}); \
+             on Debian and Ubuntu `apt install mesa-vulkan-drivers` brings one; {way}"
+        ),
+        _ => format!("cannot open the window ({error}); {way}"),
+    }
+}
+
+impl App {
+    /// The application in a window, or in a test without one.
+    pub fn new(cc: &CreationContext<'_>, startup: Startup) -> Self {
+        let ctx = &cc.egui_ctx;
+        tokens::install(ctx);
+        ctx.set_theme(ThemePreference::System);
+        ctx.options_mut(|options| options.fallback_theme = egui::Theme::Dark);
+        let (adapter, is_software) = adapter(cc);
+        // Software paints a whole window in a tenth of a second: left alone it would starve the models.
+        let pace = Duration::from_millis(if is_software { 50 } else { 8 });
+        let waker = ctx.clone();
+        let (reports, inbox) = Reports::new(move || waker.request_repaint_after(pace));
+        let parameters = startup.world.as_ref().ok().map(|world| &world.parameters);
+        let crew = (startup.hire)(&reports, parameters);
+        let mut app = Self {
+            state: State { adapter, ..State::default() },
+            slots: crew.slots(),
+            crew,
+            inbox,
+            input: startup.input,
+            hands: Hands::default(),
+            load: startup.load,
+            sessions: startup.sessions,
+            dialog: None,
+            next_toast: 0,
+            pace,
+        };
+        app.begin(ctx, startup.dataset, startup.world, startup.session);
+        app
+    }
+
+    fn begin(
+        &mut self,
+        ctx: &Context,
+        dataset: PathBuf,
+        world: Result<LoadedWorld, String>,
+        session: Option<SessionStore>,
+    ) {
+        let out = dataset.join("world_model.safetensors");
+        let fields = &mut self.state.fields;
+        fields.insert(Field::Dataset, dataset.display().to_string());
+        fields.insert(Field::ModelOut, out.display().to_string());
+        fields.insert(Field::RecordSeed, "1".to_owned());
+        fields.insert(Field::DeploySeed, "1".to_owned());
+        fields.insert(Field::Session, self.sessions.display().to_string());
+        match world {
+            Ok(world) => self.state.world = World::of(ctx, world, &mut self.state.dream),
+            Err(sentence) => {
+                self.state.panel = Panel::World;
+                self.fail(sentence);
+            }
+        }
+        if let Some(store) = session {
+            self.adopt(store);
+        }
+    }
+
+    /// What is seen and said now: for tests.
+    pub fn panel(&self) -> Panel {
+        self.state.panel
+    }
+
+    /// The session that is open: for tests.
+    pub fn session(&self) -> Option<&SessionStore> {
+        self.state.store.as_ref()
+    }
+}
+
+/// Who draws, in words, and whether it is the processor.
+fn adapter(cc: &CreationContext<'_>) -> (String, bool) {
+    let Some(render) = &cc.wgpu_render_state else { return ("nobody draws this window".to_owned(), false) };
+    let info = render.adapter.get_info();
+    let is_software = info.device_type == wgpu::DeviceType::Cpu;
+    let how = if is_software { ", in software: at most 20 pictures a second" } else { "" };
+    let said = format!("{} by {}{how}", info.name, info.backend);
+    log::info!("the window is drawn by {said}");
+    (said, is_software)
+}
+
+impl eframe::App for App {
+    fn logic(&mut self, ctx: &Context, _frame: &mut eframe::Frame) {
+        self.state.now = ctx.input(|input| input.time);
+        self.hear_hands(ctx);
+        self.hear_reports(ctx);
+        self.hear_slots(ctx);
+        self.hear_dialog();
+        self.show_clips(ctx);
+        let now = self.state.now;
+        self.state.toasts.retain(|toast| toast.until.is_none_or(|until| until > now));
+        self.schedule(ctx);
+    }
+
+    fn ui(&mut self, ui: &mut egui::Ui, _frame: &mut eframe::Frame) {
+        let is_covered = self.state.help_open || self.state.sessions_open;
+        input::set_live(ui.ctx(), !is_covered);
+        let mut commands = Vec::new();
+        panels::window_ui(ui, &self.state, &mut commands);
+        for command in commands {
+            self.act(ui.ctx(), command);
+        }
+    }
+
+    fn on_exit(&mut self) {
+        self.leave();
+    }
+}

@@ -1,0 +1,157 @@
+//! The real car under the planner, and what it thought of.
+
+use eframe::egui::{Align2, Color32, CornerRadius, FontId, Key, Rect, Role, ScrollArea, Sense, Ui, WidgetInfo, vec2};
+
+use crate::evaluation::EpisodeMetrics;
+use crate::ui::command::{Command, Field, Panel};
+use crate::ui::panels::dream::banner;
+use crate::ui::state::State;
+use crate::ui::tokens::{self, GAP};
+use crate::ui::widgets::clip::{Rim, paint_picture, picture_ui};
+use crate::ui::widgets::field::field_ui;
+use crate::ui::widgets::gauge::row_ui;
+use crate::ui::widgets::keycap::{KeyButton, Tone};
+use crate::ui::widgets::layout::{heading, titled_card, with_side};
+
+/// Candidates in a row, as in the paper's Fig. 13.
+const N_COLUMNS: usize = 5;
+/// Rows of them.
+const N_ROWS: usize = 3;
+
+pub(super) fn deploy_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
+    heading(ui, "Deploy", "The planner drives the real car: it dreams fifteen futures ahead and takes the one the reward likes best.");
+    if state.reward.parameters.is_none() {
+        ui.label("The planner needs a reward: answer some queries first.");
+        ui.add_space(GAP);
+        if KeyButton::new("Go and label").tone(Tone::Primary).is_pressed(ui) {
+            commands.push(Command::Show(Panel::Label));
+        }
+        return;
+    }
+    let main = |ui: &mut Ui, commands: &mut Vec<Command>| stage_ui(ui, state, commands);
+    let aside = |ui: &mut Ui, commands: &mut Vec<Command>| aside_ui(ui, state, commands);
+    with_side(ui, 260.0, commands, main, aside);
+}
+
+fn stage_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
+    let deploy = &state.deploy;
+    let room = ui.available_size();
+    // The scene and the candidates share the height; a candidate is a square with its return below.
+    let controls = 48.0;
+    let gap = 8.0;
+    let strip = 18.0;
+    let cell = ((room.x - gap * (N_COLUMNS as f32 - 1.0)) / N_COLUMNS as f32)
+        .min(((room.y - controls) * 0.52) / N_ROWS as f32 - strip - gap)
+        .max(40.0);
+    let candidates_height = N_ROWS as f32 * (cell + strip + gap);
+    let scene = (room.y - controls - candidates_height - 2.0 * GAP - 20.0).max(120.0);
+    let label = deploy.view.as_ref().map_or("The track".to_owned(), |view| format!("The track at step {}", view.step));
+    let empty = "Press Drive to let the planner take the wheel.";
+    let response = picture_ui(ui, deploy.picture.as_ref(), vec2(room.x, scene), &label, empty, Rim::Plain);
+    if deploy.is_on && deploy.is_paused {
+        banner(ui, response.rect, "Paused");
+    }
+    ui.add_space(4.0);
+    controls_ui(ui, state, commands);
+    ui.add_space(4.0);
+    ui.label(tokens::small(ui, "What it imagined: where each of fifteen plans would lead, and what the reward promises of it"));
+    candidates_ui(ui, state, cell, strip, gap);
+}
+
+fn controls_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
+    let deploy = &state.deploy;
+    ui.horizontal(|ui| {
+        ui.spacing_mut().item_spacing.x = 8.0;
+        if !deploy.is_on {
+            let drive = KeyButton::new("Drive").key(Key::Enter).tone(Tone::Primary).size(vec2(150.0, 0.0));
+            if drive.is_pressed(ui) {
+                commands.push(Command::Drive);
+            }
+            return;
+        }
+        let name = if deploy.is_paused { "Go on" } else { "Pause" };
+        if KeyButton::new(name).key(Key::P).is_pressed(ui) {
+            commands.push(Command::PauseDrive);
+        }
+        if KeyButton::new("Stop").key(Key::Escape).is_pressed(ui) {
+            commands.push(Command::StopDrive);
+        }
+    });
+}
+
+fn candidates_ui(ui: &mut Ui, state: &State, cell: f32, strip: f32, gap: f32) {
+    let tokens = tokens::Tokens::of(ui);
+    let deploy = &state.deploy;
+    let chosen = deploy.view.as_ref().map(|view| view.chosen);
+    for row in 0..N_ROWS {
+        ui.horizontal(|ui| {
+            ui.spacing_mut().item_spacing.x = gap;
+            for column in 0..N_COLUMNS {
+                let i = row * N_COLUMNS + column;
+                let (rect, response) = ui.allocate_exact_size(vec2(cell, cell + strip), Sense::hover());
+                let candidate = deploy.view.as_ref().and_then(|view| view.candidates.get(i));
+                let is_chosen = chosen == Some(i) && candidate.is_some();
+                let promised = candidate.map_or("–".to_owned(), |candidate| format!("{:.2}", candidate.predicted_return));
+                let name = format!("Plan {}{}: {promised}", i + 1, if is_chosen { ", chosen" } else { "" });
+                response.widget_info(|| WidgetInfo::labeled(Role::Image, true, &name));
+                let picture = Rect::from_min_size(rect.min, vec2(cell, cell)).shrink(2.0);
+                let rim = if is_chosen { Rim::Good } else { Rim::Plain };
+                paint_picture(ui, deploy.candidates.get(i).and_then(Option::as_ref), picture, "", rim);
+                let ink = if is_chosen { tokens.good } else { tokens.muted };
+                let at = rect.center_bottom() - vec2(0.0, 1.0);
+                ui.painter().text(at, Align2::CENTER_BOTTOM, &promised, FontId::proportional(12.5), ink);
+                if is_chosen {
+                    mark(ui, picture, tokens.good, tokens.background);
+                }
+                if let Some(candidate) = candidate {
+                    response.on_hover_text(&candidate.actions);
+                }
+            }
+        });
+    }
+}
+
+/// A word on the chosen candidate.
+fn mark(ui: &Ui, over: Rect, fill: Color32, ink: Color32) {
+    let galley = ui.painter().layout_no_wrap("chosen".to_owned(), FontId::proportional(11.5), ink);
+    let rect = Rect::from_min_size(over.min, galley.size() + vec2(10.0, 4.0));
+    ui.painter().rect_filled(rect, CornerRadius { nw: 4, ne: 0, sw: 0, se: 6 }, fill);
+    ui.painter().galley(rect.min + vec2(5.0, 2.0), galley, ink);
+}
+
+fn aside_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
+    let deploy = &state.deploy;
+    titled_card(ui, "Track", |ui| {
+        ui.add_enabled_ui(!deploy.is_on, |ui| {
+            field_ui(ui, state, Field::DeploySeed, "Seed", commands);
+        });
+    });
+    titled_card(ui, "This episode", |ui| match &deploy.view {
+        Some(view) => {
+            row_ui(ui, "Step", view.step.to_string());
+            for (name, value) in figures(&view.metrics) {
+                row_ui(ui, name, value);
+            }
+            row_ui(ui, "Last plan", format!("{:.0} ms", view.plan_ms));
+        }
+        None => drop(ui.label(tokens::muted(ui, "Not begun."))),
+    });
+    titled_card(ui, "Episodes", |ui| {
+        if deploy.episodes.is_empty() {
+            ui.label(tokens::muted(ui, "None has ended yet."));
+            return;
+        }
+        ScrollArea::vertical().id_salt("episodes").max_height(280.0).show(ui, |ui| {
+            for (seed, metrics) in deploy.episodes.iter().rev() {
+                let said: Vec<_> = figures(metrics).into_iter().map(|(name, value)| format!("{name} {value}")).collect();
+                row_ui(ui, &format!("Track {seed}"), said.first().cloned().unwrap_or_default());
+                ui.label(tokens::small(ui, said[1..].join(" · ")));
+            }
+        });
+    });
+}
+
+/// The figures of an episode, with their names.
+fn figures(metrics: &EpisodeMetrics) -> Vec<(&'static str, String)> {
+    vec![("Steps", metrics.n_steps.to_string())]
+}

@@ -1,0 +1,175 @@
+//! Driving where nothing real can break.
+
+use eframe::egui::{Key, Rect, Role, ScrollArea, Sense, Stroke, StrokeKind, Ui, WidgetInfo, vec2};
+
+use crate::env::{MAX_STEPS, STEPS_PER_SEC};
+use crate::ui::act::counted;
+use crate::ui::command::{Command, Panel};
+use crate::ui::state::State;
+use crate::ui::tokens::{self, GAP, Tokens};
+use crate::ui::widgets::clip::{Rim, paint_picture, picture_ui};
+use crate::ui::widgets::gauge::{action_ui, figure_ui, row_color_ui, row_ui};
+use crate::ui::widgets::keycap::{KeyButton, Tone};
+use crate::ui::widgets::layout::{heading, titled_card, with_side};
+
+pub(super) fn dream_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
+    heading(ui, "Dream", "Drive inside the world model. Drive well, and drive badly too: both are worth asking about.");
+    if state.world.loaded.as_ref().is_none_or(|world| world.starts.is_empty()) {
+        let why = match &state.world.loaded {
+            None => "A dream needs a world model.",
+            Some(_) => "This world model came without states to begin from.",
+        };
+        ui.label(why);
+        ui.add_space(GAP);
+        if KeyButton::new("Choose a world model").tone(Tone::Primary).is_pressed(ui) {
+            commands.push(Command::Show(Panel::World));
+        }
+        return;
+    }
+    let main = |ui: &mut Ui, commands: &mut Vec<Command>| stage_ui(ui, state, commands);
+    let aside = |ui: &mut Ui, commands: &mut Vec<Command>| aside_ui(ui, state, commands);
+    with_side(ui, 268.0, commands, main, aside);
+}
+
+fn stage_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
+    let dream = &state.dream;
+    let below = if dream.is_on { 50.0 } else { 122.0 };
+    let room = ui.available_size();
+    let side = (room.y - below).min(room.x).max(120.0);
+    let live = dream.live.as_ref().filter(|_| dream.is_on);
+    let thumbnail = dream.thumbnails.get(dream.start_idx).and_then(Option::as_ref);
+    let picture = if dream.is_on { dream.picture.as_ref() } else { thumbnail.or(dream.picture.as_ref()) };
+    let label = live.map_or("The start of the dream".to_owned(), |live| format!("The dream at step {}", live.step));
+    let empty = if dream.is_on { "Falling asleep…" } else { "" };
+    let is_paused = live.is_some_and(|live| live.is_paused);
+    let rim = if is_paused { Rim::Accent } else { Rim::Plain };
+    let response = picture_ui(ui, picture, vec2(room.x, side), &label, empty, rim);
+    if is_paused {
+        banner(ui, response.rect, "Paused");
+    }
+    ui.add_space(6.0);
+    if dream.is_on {
+        driving_ui(ui, state, is_paused, commands);
+    } else {
+        starts_ui(ui, state, commands);
+    }
+}
+
+/// A word over a picture.
+pub(super) fn banner(ui: &Ui, over: Rect, text: &str) {
+    use eframe::egui::{Align2, Color32, CornerRadius, FontId};
+    let font = FontId::proportional(15.0);
+    let galley = ui.painter().layout_no_wrap(text.to_owned(), font, Color32::WHITE);
+    let at = Align2::CENTER_TOP.anchor_size(over.center_top() + vec2(0.0, 20.0), galley.size());
+    ui.painter().rect_filled(at.expand2(vec2(14.0, 7.0)), CornerRadius::same(14), Color32::from_black_alpha(190));
+    ui.painter().galley(at.min, galley, Color32::WHITE);
+}
+
+fn driving_ui(ui: &mut Ui, state: &State, is_paused: bool, commands: &mut Vec<Command>) {
+    let is_ending = state.dream.is_ending;
+    ui.horizontal_wrapped(|ui| {
+        ui.spacing_mut().item_spacing.x = 8.0;
+        for (button, command) in [
+            (KeyButton::new("Keep").key(Key::N).tone(Tone::Primary).enabled(!is_ending), Command::KeepDream),
+            (KeyButton::new("Unsafe now").key(Key::U), Command::MarkUnsafe),
+            (KeyButton::new(if is_paused { "Go on" } else { "Pause" }).key(Key::P), Command::PauseDream),
+            (KeyButton::new("Step").key(Key::Period).enabled(is_paused), Command::StepDream),
+            (KeyButton::new("Redo").key(Key::R), Command::RedoDream),
+            (KeyButton::new("Leave").key(Key::Escape).tone(Tone::Quiet), Command::LeaveDream),
+        ] {
+            if button.is_pressed(ui) {
+                commands.push(command);
+            }
+        }
+    });
+}
+
+fn starts_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
+    let Some(world) = &state.world.loaded else { return };
+    ui.horizontal(|ui| {
+        let drive = KeyButton::new("Drive").key(Key::Enter).tone(Tone::Primary).size(vec2(150.0, 64.0));
+        if drive.is_pressed(ui) {
+            commands.push(Command::StartDream);
+        }
+        ui.add_space(8.0);
+        ui.vertical(|ui| {
+            ui.label(tokens::small(ui, "Begin here"));
+            ScrollArea::horizontal().id_salt("starts").show(ui, |ui| {
+                ui.horizontal(|ui| {
+                    for (idx, start) in world.starts.iter().enumerate() {
+                        if start_ui(ui, state, idx, &start.name) {
+                            commands.push(Command::ChooseStart(idx));
+                        }
+                    }
+                });
+            });
+        });
+    });
+}
+
+fn start_ui(ui: &mut Ui, state: &State, idx: usize, name: &str) -> bool {
+    let tokens = Tokens::of(ui);
+    let is_chosen = state.dream.start_idx == idx;
+    let (rect, response) = ui.allocate_exact_size(vec2(66.0, 66.0), Sense::click());
+    response.widget_info(|| WidgetInfo::selected(Role::RadioButton, true, is_chosen, name));
+    let inner = rect.shrink(3.0);
+    let thumbnail = state.dream.thumbnails.get(idx).and_then(Option::as_ref);
+    paint_picture(ui, thumbnail, inner, name, Rim::Plain);
+    if is_chosen || response.hovered() || response.has_focus() {
+        let color = if is_chosen { tokens.accent } else { tokens.faint };
+        ui.painter().rect_stroke(inner, 6.0, Stroke::new(2.0, color), StrokeKind::Outside);
+    }
+    response.on_hover_text(name).clicked()
+}
+
+fn aside_ui(ui: &mut Ui, state: &State, _commands: &mut Vec<Command>) {
+    let tokens = Tokens::of(ui);
+    let live = state.dream.live.as_ref();
+    titled_card(ui, "Now", |ui| {
+        let is_on = state.dream.is_on;
+        let (rate, step) = match live.filter(|_| is_on) {
+            Some(live) => (format!("{:.0}", live.steps_per_sec), live.step.to_string()),
+            None => ("–".to_owned(), "–".to_owned()),
+        };
+        ui.horizontal(|ui| {
+            ui.spacing_mut().item_spacing.x = 28.0;
+            figure_ui(ui, step, &format!("step of {MAX_STEPS}"));
+            figure_ui(ui, rate, &format!("steps a second of {STEPS_PER_SEC}"));
+        });
+        ui.add_space(6.0);
+        let action = live.filter(|live| is_on && live.is_paused).map_or(state.dream.action, |live| live.action);
+        action_ui(ui, if is_on { action } else { crate::env::Action::default() });
+        ui.add_space(2.0);
+        let n_late = live.map_or(0, |live| live.n_late);
+        let color = if n_late > 0 { tokens.warn } else { tokens.text };
+        row_color_ui(ui, "Late steps", n_late.to_string(), color);
+        row_ui(ui, "Unsafe marks", live.map_or(0, |live| live.n_unsafe_marks).to_string());
+    });
+    kept_ui(ui, state);
+    titled_card(ui, "At the wheel", |ui| {
+        row_ui(ui, "Steer", "left, right · A, D");
+        row_ui(ui, "Gas", "up · W");
+        row_ui(ui, "Brake", "down · S");
+        row_ui(ui, "Gamepad", "left stick and triggers");
+    });
+}
+
+fn kept_ui(ui: &mut Ui, state: &State) {
+    titled_card(ui, "Kept dreams", |ui| {
+        let dreams = state.session().map_or(&[][..], |session| session.dreams());
+        if dreams.is_empty() {
+            ui.label(tokens::muted(ui, "None yet. Drive, and keep what you have driven."));
+            return;
+        }
+        for kept in dreams.iter().rev().take(12) {
+            let marks = match kept.marks.len() {
+                0 => String::new(),
+                n => format!(" · {}", counted(n, "mark")),
+            };
+            row_ui(ui, &format!("Dream {}", kept.dream.0 + 1), format!("{} steps{marks}", kept.len));
+        }
+        if dreams.len() > 12 {
+            ui.label(tokens::small(ui, format!("and {} before", dreams.len() - 12)));
+        }
+    });
+}

@@ -1,0 +1,346 @@
+//! Two clips, and one key for what a person says about them.
+
+use eframe::egui::{
+    Align, Key, Layout, Rect, Response as UiResponse, RichText, Role, ScrollArea, Sense, Ui, UiBuilder, WidgetInfo,
+    pos2, vec2,
+};
+
+use crate::query::{
+    Justification, Preference, Protocol, QueryId, Response, SEGMENT_LEN, SafetyAnswer, SkipReason,
+};
+use crate::ui::act::PREFERENCES;
+use crate::ui::command::{Command, Field, Panel};
+use crate::ui::input;
+use crate::ui::state::{NORMAL_SPEED, State};
+use crate::ui::tokens::{self, CONTROL, GAP, Tokens};
+use crate::ui::widgets::clip::{Rim, picture_ui, timeline_ui};
+use crate::ui::widgets::field::field_ui;
+use crate::ui::widgets::gauge::{figure_ui, row_ui};
+use crate::ui::widgets::keycap::{KeyButton, Tone};
+use crate::ui::widgets::layout::{heading, titled_card, with_side};
+
+pub(super) fn label_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
+    let n_usable = state.session().map_or(0, |session| {
+        session.dreams().iter().filter(|kept| kept.len >= SEGMENT_LEN).count()
+    });
+    if n_usable == 0 {
+        heading(ui, "Label", "Here you will compare short clips of your dreams.");
+        ui.label("There is nothing to compare yet: drive a dream of at least a second, and keep it.");
+        ui.add_space(GAP);
+        if KeyButton::new("Go and dream").tone(Tone::Primary).is_pressed(ui) {
+            commands.push(Command::Show(Panel::Dream));
+        }
+        return;
+    }
+    let main = |ui: &mut Ui, commands: &mut Vec<Command>| query_ui(ui, state, commands);
+    let aside = |ui: &mut Ui, commands: &mut Vec<Command>| aside_ui(ui, state, commands);
+    with_side(ui, 252.0, commands, main, aside);
+}
+
+/// What is asked now.
+fn question(state: &State) -> &'static str {
+    let label = &state.label;
+    match state.protocol() {
+        Protocol::Drop => "Which clip is better?",
+        Protocol::Drope => "Which clip is better, or are they equal?",
+        Protocol::Dropj if label.is_guided => match label.guided[..] {
+            [] => "Does the left clip stay safe?",
+            [_] => "Does the right clip stay safe?",
+            _ => "Both are safe. Which is better?",
+        },
+        Protocol::Dropj => "Which clips stay safe? Where both do, which is better?",
+        Protocol::DropjMulti => "What matters most here, and which clip is better?",
+    }
+}
+
+fn query_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
+    let label = &state.label;
+    ui.label(tokens::title(question(state)));
+    // What was said last stays where the eye is, and its room stays where nothing was said.
+    let said = label.said.as_deref().unwrap_or(" ");
+    ui.label(tokens::muted(ui, said));
+    ui.add_space(6.0);
+    let shown = label.shown.map(|(id, _)| id);
+    let pair = shown.and_then(|id| label.pairs.get(&id));
+    let n_rows = rows(state) as f32;
+    let room = ui.available_size();
+    let below = 24.0 + n_rows * (CONTROL + 14.0) + 52.0;
+    let width = (room.x - GAP) / 2.0;
+    let side = width.min(room.y - below).max(100.0);
+    let left_edge = ui.cursor().left() + (room.x - 2.0 * side - GAP).max(0.0) / 2.0;
+    let columns = Rect::from_min_size(pos2(left_edge, ui.cursor().top()), vec2(2.0 * side + GAP, room.y));
+    ui.scope_builder(UiBuilder::new().max_rect(columns).layout(Layout::top_down(Align::Min)), |ui| {
+        let frame = (label.playhead as usize).min(SEGMENT_LEN - 1);
+        let [left_rim, right_rim] = rims(state);
+        ui.horizontal(|ui| {
+            ui.spacing_mut().item_spacing.x = GAP;
+            let empty = "Drawing the clips…";
+            let at = |clip: Option<&Vec<_>>| clip.and_then(|clip| clip.get(frame)).cloned();
+            let left = at(pair.map(|pair| &pair.left));
+            let right = at(pair.map(|pair| &pair.right));
+            picture_ui(ui, left.as_ref(), vec2(side, side), "Left clip", empty, left_rim);
+            picture_ui(ui, right.as_ref(), vec2(side, side), "Right clip", empty, right_rim);
+        });
+        timeline_ui(ui, frame, SEGMENT_LEN, columns.width());
+        ui.add_space(2.0);
+        answers_ui(ui, state, pair.is_some(), commands);
+        ui.add_space(4.0);
+        foot_ui(ui, state, shown, commands);
+    });
+    keys(ui, state, commands);
+}
+
+/// How many rows of answers there are.
+fn rows(state: &State) -> usize {
+    match state.protocol() {
+        Protocol::Dropj if !state.label.is_guided => 2,
+        Protocol::DropjMulti => 2,
+        _ => 1,
+    }
+}
+
+/// In the guided questions the clip that is asked about is framed, and what was said stays to be seen.
+fn rims(state: &State) -> [Rim; 2] {
+    let label = &state.label;
+    if !label.is_guided || state.protocol() != Protocol::Dropj || label.shown.is_none() {
+        return [Rim::Plain; 2];
+    }
+    let said = |is_safe: bool| if is_safe { Rim::Good } else { Rim::Bad };
+    match label.guided[..] {
+        [] => [Rim::Accent, Rim::Plain],
+        [left] => [said(left), Rim::Accent],
+        [left, right, ..] => [said(left), said(right)],
+    }
+}
+
+fn answers_ui(ui: &mut Ui, state: &State, is_ready: bool, commands: &mut Vec<Command>) {
+    let preferences = |names: [&'static str; 3], response: &dyn Fn(Preference) -> Response| {
+        let keys = [Key::ArrowLeft, Key::ArrowUp, Key::ArrowRight];
+        let choices = PREFERENCES.into_iter().zip(names).zip(keys);
+        choices.map(|((preference, name), key)| (name, key, Command::Answer(response(preference)))).collect()
+    };
+    let label = &state.label;
+    let safety = |answer| Command::Answer(Response::Safety(answer));
+    let plain = ["Left is better", "Equal", "Right is better"];
+    match state.protocol() {
+        Protocol::Drop => {
+            let all: Vec<_> = preferences(plain, &Response::Preferred);
+            row(ui, &[all[0].clone(), all[2].clone()], is_ready, commands);
+        }
+        Protocol::Drope => row(ui, &preferences(plain, &Response::Preferred), is_ready, commands),
+        Protocol::Dropj if label.is_guided && label.guided != [true, true] => {
+            let yes = ("Yes, it stays safe", Key::Y, Command::GuidedSafe(true));
+            let no = ("No, it becomes unsafe", Key::N, Command::GuidedSafe(false));
+            row(ui, &[yes, no], is_ready, commands);
+        }
+        Protocol::Dropj => {
+            if !label.is_guided {
+                let only = [
+                    ("Only left is safe", Key::A, safety(SafetyAnswer::OnlyLeft)),
+                    ("Neither is safe", Key::S, safety(SafetyAnswer::Neither)),
+                    ("Only right is safe", Key::D, safety(SafetyAnswer::OnlyRight)),
+                ];
+                row(ui, &only, is_ready, commands);
+            }
+            let names = ["Both safe, left better", "Both safe, equal", "Both safe, right better"];
+            let both = |preference| Response::Safety(SafetyAnswer::Both(preference));
+            row(ui, &preferences(names, &both), is_ready, commands);
+        }
+        Protocol::DropjMulti => {
+            let chosen = justifications_ui(ui, state, commands);
+            let response = |preference| Response::Justified(chosen, preference);
+            row(ui, &preferences(plain, &response), is_ready, commands);
+        }
+    }
+}
+
+/// Answers side by side, each as wide as the others.
+fn row(ui: &mut Ui, choices: &[(&str, Key, Command)], is_ready: bool, commands: &mut Vec<Command>) {
+    let n = choices.len() as f32;
+    ui.horizontal(|ui| {
+        ui.spacing_mut().item_spacing.x = 8.0;
+        let width = (ui.available_width() - 8.0 * (n - 1.0)) / n;
+        for (name, key, command) in choices {
+            let button = KeyButton::new(name).key(*key).enabled(is_ready).size(vec2(width, CONTROL + 6.0));
+            if button.is_pressed(ui) {
+                commands.push(command.clone());
+            }
+        }
+    });
+}
+
+/// The justifications in order of severity, and which one counts.
+fn justifications_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) -> Justification {
+    let all = state.weights().justifications;
+    let chosen = state.label.justification.unwrap_or(all.default());
+    let digits = [
+        Key::Num1, Key::Num2, Key::Num3, Key::Num4, Key::Num5, Key::Num6, Key::Num7, Key::Num8, Key::Num9,
+    ];
+    ui.horizontal_wrapped(|ui| {
+        ui.spacing_mut().item_spacing.x = 8.0;
+        for ((justification, name, _), key) in all.iter().zip(digits) {
+            let tone = if justification == chosen { Tone::Chosen } else { Tone::Plain };
+            if KeyButton::new(name).key(key).tone(tone).is_pressed(ui) {
+                commands.push(Command::Justify(justification));
+            }
+        }
+    });
+    chosen
+}
+
+/// Skipping, undoing, and why the last one was skipped.
+fn foot_ui(ui: &mut Ui, state: &State, shown: Option<QueryId>, commands: &mut Vec<Command>) {
+    let session = state.session();
+    let is_flagged = shown.and_then(|id| session?.query(id)).is_some_and(|asked| asked.is_flagged);
+    let can_undo = !state.label.guided.is_empty() || session.is_some_and(|session| session.undoable().is_some());
+    ui.horizontal(|ui| {
+        ui.spacing_mut().item_spacing.x = 4.0;
+        let skip = KeyButton::new("Skip").key(Key::Space).tone(Tone::Quiet).enabled(shown.is_some());
+        if skip.is_pressed(ui) {
+            commands.push(Command::Answer(Response::Skipped(None)));
+        }
+        if KeyButton::new("Undo").key(Key::Backspace).tone(Tone::Quiet).enabled(can_undo).is_pressed(ui) {
+            commands.push(Command::Undo);
+        }
+        let name = if is_flagged { "Flagged" } else { "Flag" };
+        let tone = if is_flagged { Tone::Chosen } else { Tone::Quiet };
+        if KeyButton::new(name).key(Key::F).tone(tone).enabled(shown.is_some()).is_pressed(ui) {
+            commands.push(Command::Flag);
+        }
+        if state.label.skipped.is_some() {
+            reasons_ui(ui, state.protocol(), commands);
+        }
+    });
+}
+
+fn reasons_ui(ui: &mut Ui, protocol: Protocol, commands: &mut Vec<Command>) {
+    ui.add_space(10.0);
+    ui.label(tokens::small(ui, "Skipped because"));
+    let reasons = [
+        ("Hallucinated", Key::Num1, SkipReason::Hallucinated),
+        ("Ambiguous", Key::Num2, SkipReason::Ambiguous),
+        ("Other", Key::Num3, SkipReason::Other),
+    ];
+    for (name, key, reason) in reasons {
+        let button = KeyButton::new(name).tone(Tone::Quiet);
+        // Where digits name justifications, they do not name reasons.
+        let button = if protocol == Protocol::DropjMulti { button } else { button.key(key) };
+        if button.is_pressed(ui) {
+            commands.push(Command::GiveReason(reason));
+        }
+    }
+}
+
+/// Keys that have no button of their own.
+fn keys(ui: &Ui, state: &State, commands: &mut Vec<Command>) {
+    for (key, command) in [
+        (Key::Num0, Command::RestartClips),
+        (Key::Period, Command::StepClips(1)),
+        (Key::Comma, Command::StepClips(-1)),
+        (Key::OpenBracket, Command::Faster(false)),
+        (Key::CloseBracket, Command::Faster(true)),
+        (Key::P, Command::PauseClips),
+    ] {
+        if state.label.shown.is_some() && input::pressed(ui, key) {
+            commands.push(command);
+        }
+    }
+}
+
+fn aside_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
+    let Some(session) = state.session() else { return };
+    let statistics = session.statistics();
+    titled_card(ui, "So far", |ui| {
+        ui.horizontal(|ui| {
+            ui.spacing_mut().item_spacing.x = 24.0;
+            figure_ui(ui, statistics.n_answered.to_string(), "answered");
+            figure_ui(ui, statistics.n_skipped.to_string(), "skipped");
+            let per_hour = statistics.labels_per_hour().filter(|_| statistics.n_answered >= 3);
+            let per_hour = per_hour.map_or("–".to_owned(), |n| format!("{n:.0}"));
+            figure_ui(ui, per_hour, "an hour");
+        });
+    });
+    titled_card(ui, "Clips", |ui| clips_ui(ui, state, commands));
+    titled_card(ui, "Latest answers", |ui| latest_ui(ui, state, commands));
+}
+
+fn clips_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
+    let label = &state.label;
+    row_ui(ui, "Speed", format!("{:.1} ×", label.speed / NORMAL_SPEED));
+    row_ui(ui, "Seen", format!("{} times", label.loops));
+    ui.horizontal(|ui| {
+        ui.spacing_mut().item_spacing.x = 4.0;
+        let name = if label.is_standing { "Play" } else { "Pause" };
+        let small = |name, key| KeyButton::new(name).key(key).tone(Tone::Quiet);
+        if small(name, Key::P).show(ui).clicked() {
+            commands.push(Command::PauseClips);
+        }
+        if small("Again", Key::Num0).show(ui).clicked() {
+            commands.push(Command::RestartClips);
+        }
+    });
+    ui.horizontal(|ui| {
+        ui.spacing_mut().item_spacing.x = 4.0;
+        for (name, key, command) in [
+            ("Slower", Key::OpenBracket, Command::Faster(false)),
+            ("Faster", Key::CloseBracket, Command::Faster(true)),
+        ] {
+            if KeyButton::new(name).key(key).tone(Tone::Quiet).show(ui).clicked() {
+                commands.push(command);
+            }
+        }
+    });
+    if state.protocol() == Protocol::Dropj {
+        let mut is_guided = label.is_guided;
+        if ui.checkbox(&mut is_guided, "One question at a time").changed() {
+            commands.push(Command::Guide(is_guided));
+        }
+    }
+    field_ui(ui, state, Field::Annotator, "Who answers", commands);
+}
+
+fn latest_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
+    let Some(session) = state.session() else { return };
+    let answers = session.answers();
+    if answers.is_empty() {
+        ui.label(tokens::muted(ui, "None yet."));
+        return;
+    }
+    let weights = session.weights();
+    ScrollArea::vertical().id_salt("answers").max_height(260.0).show(ui, |ui| {
+        ui.spacing_mut().item_spacing.y = 2.0;
+        for given in answers.iter().rev().take(50) {
+            let answer = &given.answer;
+            let is_flagged = session.query(answer.query).is_some_and(|asked| asked.is_flagged);
+            let response = answer_ui(ui, answer.query, &weights.say(&answer.response), is_flagged);
+            if response.on_hover_text("Answer it again").clicked() {
+                commands.push(Command::Revisit(answer.query));
+            }
+        }
+    });
+}
+
+fn answer_ui(ui: &mut Ui, query: QueryId, said: &str, is_flagged: bool) -> UiResponse {
+    let tokens = Tokens::of(ui);
+    let number = format!("{}", query.0 + 1);
+    let (rect, response) = ui.allocate_exact_size(vec2(ui.available_width(), 36.0), Sense::click());
+    response.widget_info(|| WidgetInfo::labeled(Role::Button, true, format!("Query {number}: {said}")));
+    if response.hovered() || response.has_focus() {
+        ui.painter().rect_filled(rect, 4.0, tokens.hovered);
+    }
+    let (head, rest) = said.split_once(": ").unwrap_or(("skipped", said));
+    let inner = rect.shrink2(vec2(6.0, 2.0));
+    let text = format!("{number}  {head}{}", if is_flagged { "  flagged" } else { "" });
+    let put = |y: f32, text: RichText| {
+        let galley = eframe::egui::WidgetText::from(text).into_galley(
+            ui,
+            Some(eframe::egui::TextWrapMode::Truncate),
+            inner.width(),
+            eframe::egui::TextStyle::Small,
+        );
+        ui.painter().galley(pos2(inner.left(), inner.top() + y), galley, tokens.text);
+    };
+    put(0.0, RichText::new(text).size(13.0).color(tokens.text));
+    put(16.0, RichText::new(rest).size(12.0).color(tokens.muted));
+    response
+}

@@ -1,0 +1,95 @@
+//! Driving the real car, to have something that a world model can learn from.
+
+use eframe::egui::{Key, Ui, vec2};
+
+use crate::env::{MAX_STEPS, STEPS_PER_SEC};
+use crate::ui::command::{Command, Field};
+use crate::ui::panels::dream::banner;
+use crate::ui::state::State;
+use crate::ui::tokens::{self, Tokens};
+use crate::ui::widgets::clip::{Rim, picture_ui};
+use crate::ui::widgets::field::{field_ui, path_ui};
+use crate::ui::widgets::gauge::{action_ui, figure_ui, row_color_ui, row_ui};
+use crate::ui::widgets::keycap::{KeyButton, Tone};
+use crate::ui::widgets::layout::{heading, titled_card, with_side};
+
+pub(super) fn record_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
+    let about = "Drive the real car and keep what you drove. A world model is shipped already: record only for one of your own.";
+    heading(ui, "Record", about);
+    let main = |ui: &mut Ui, commands: &mut Vec<Command>| stage_ui(ui, state, commands);
+    let aside = |ui: &mut Ui, commands: &mut Vec<Command>| aside_ui(ui, state, commands);
+    with_side(ui, 268.0, commands, main, aside);
+}
+
+fn stage_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
+    let record = &state.record;
+    let live = record.live.as_ref().filter(|_| record.is_on);
+    let is_paused = live.is_some_and(|live| live.is_paused);
+    let room = ui.available_size();
+    let side = (room.y - 50.0).min(room.x).max(120.0);
+    let label = live.map_or("The track".to_owned(), |live| format!("The track at step {}", live.step));
+    let empty = if record.is_on { "Drawing the track…" } else { "Press Record, then drive with the arrows, WASD or a gamepad." };
+    let rim = if is_paused { Rim::Accent } else { Rim::Plain };
+    let picture = record.picture.as_ref().filter(|_| live.is_some());
+    let response = picture_ui(ui, picture, vec2(room.x, side), &label, empty, rim);
+    if is_paused {
+        banner(ui, response.rect, "Paused");
+    }
+    ui.add_space(6.0);
+    ui.horizontal_wrapped(|ui| {
+        ui.spacing_mut().item_spacing.x = 8.0;
+        if !record.is_on {
+            let button = KeyButton::new("Record").key(Key::Enter).tone(Tone::Primary).size(vec2(150.0, 0.0));
+            if button.is_pressed(ui) {
+                commands.push(Command::StartRecording);
+            }
+            return;
+        }
+        for (button, command) in [
+            (KeyButton::new("Keep").key(Key::N).tone(Tone::Primary), Command::KeepRecording),
+            (KeyButton::new(if is_paused { "Go on" } else { "Pause" }).key(Key::P), Command::PauseRecording),
+            (KeyButton::new("Redo").key(Key::R), Command::RedoRecording),
+            (KeyButton::new("Leave").key(Key::Escape).tone(Tone::Quiet), Command::LeaveRecording),
+        ] {
+            if button.is_pressed(ui) {
+                commands.push(command);
+            }
+        }
+    });
+}
+
+fn aside_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
+    let tokens = Tokens::of(ui);
+    let record = &state.record;
+    let live = record.live.as_ref().filter(|_| record.is_on);
+    titled_card(ui, "Now", |ui| {
+        let (rate, step) = match live {
+            Some(live) => (format!("{:.0}", live.steps_per_sec), live.step.to_string()),
+            None => ("–".to_owned(), "–".to_owned()),
+        };
+        ui.horizontal(|ui| {
+            ui.spacing_mut().item_spacing.x = 28.0;
+            figure_ui(ui, step, &format!("step of {MAX_STEPS}"));
+            figure_ui(ui, rate, &format!("steps a second of {STEPS_PER_SEC}"));
+        });
+        ui.add_space(6.0);
+        action_ui(ui, if record.is_on { state.dream.action } else { crate::env::Action::default() });
+        let n_late = live.map_or(0, |live| live.n_late);
+        row_color_ui(ui, "Late steps", n_late.to_string(), if n_late > 0 { tokens.warn } else { tokens.text });
+    });
+    titled_card(ui, "Where", |ui| {
+        ui.add_enabled_ui(!record.is_on, |ui| {
+            path_ui(ui, state, Field::Dataset, "Folder of recordings", commands);
+            field_ui(ui, state, Field::RecordSeed, "Seed of the track", commands);
+        });
+        ui.label(tokens::small(ui, "LeRobot v3: other programs can open it"));
+    });
+    titled_card(ui, "Kept now", |ui| {
+        if record.kept.is_empty() {
+            ui.label(tokens::muted(ui, "Nothing yet."));
+        }
+        for (episode, n_steps) in record.kept.iter().rev().take(12) {
+            row_ui(ui, &format!("Episode {episode}"), format!("{n_steps} steps"));
+        }
+    });
+}

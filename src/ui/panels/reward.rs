@@ -1,0 +1,121 @@
+//! How well the reward is learned, as far as it was measured.
+
+use eframe::egui::{Color32, CornerRadius, Rect, Role, Sense, Ui, WidgetInfo, vec2};
+
+use crate::ui::act::counted;
+use crate::ui::command::{Command, Panel};
+use crate::ui::state::State;
+use crate::ui::tokens::{self, GAP, Tokens};
+use crate::ui::widgets::curve::{Curve, curves_ui};
+use crate::ui::widgets::gauge::{figure_ui, progress_ui, row_ui};
+use crate::ui::widgets::keycap::{KeyButton, Tone};
+use crate::ui::widgets::layout::{card, heading, titled_card, with_side};
+
+pub(super) fn reward_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
+    heading(ui, "Reward", "Three networks learn from your answers while you give them.");
+    let n_answered = state.session().map_or(0, |session| session.statistics().n_answered);
+    if n_answered == 0 {
+        ui.label("There is nothing to learn from yet: answer some queries.");
+        ui.add_space(GAP);
+        if KeyButton::new("Go and label").tone(Tone::Primary).is_pressed(ui) {
+            commands.push(Command::Show(Panel::Label));
+        }
+        return;
+    }
+    let main = |ui: &mut Ui, _: &mut Vec<Command>| curves(ui, state);
+    let aside = |ui: &mut Ui, commands: &mut Vec<Command>| {
+        fit_ui(ui, state, commands);
+        titled_card(ui, "Labels", |ui| distribution_ui(ui, state));
+    };
+    with_side(ui, 300.0, commands, main, aside);
+}
+
+fn curves(ui: &mut Ui, state: &State) {
+    let tokens = Tokens::of(ui);
+    let reward = &state.reward;
+    ui.spacing_mut().item_spacing.y = GAP;
+    let height = ((ui.available_height() - 150.0) / 2.0 - 40.0).clamp(110.0, 320.0);
+    card(ui, |ui| {
+        let names = ["member 1", "member 2", "member 3"];
+        let curves = names.iter().zip(&reward.losses).zip(tokens.lines);
+        let curves: Vec<_> = curves.map(|((name, points), color)| Curve { name, points, color }).collect();
+        curves_ui(ui, "Cross-entropy of each member", &curves, None, height);
+    });
+    ui.columns(2, |columns| {
+        card(&mut columns[0], |ui| {
+            let curve = Curve { name: "before learning", points: &reward.held_out, color: tokens.lines[0] };
+            let level = Some(("knowing nothing", std::f64::consts::LN_2));
+            curves_ui(ui, "Log-loss on answers not yet learned", &[curve], level, height);
+        });
+        card(&mut columns[1], |ui| {
+            let curve = Curve { name: "foretold", points: &reward.agreement, color: tokens.lines[1] };
+            curves_ui(ui, "Answers foretold, by number of answers", &[curve], Some(("chance", 0.5)), height);
+        });
+    });
+}
+
+fn fit_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
+    let reward = &state.reward;
+    titled_card(ui, "Learned", |ui| {
+        let latest = reward.latest.as_ref();
+        ui.horizontal(|ui| {
+            ui.spacing_mut().item_spacing.x = 28.0;
+            figure_ui(ui, reward.n_learned.to_string(), "answers");
+            let agreement = latest.and_then(|latest| latest.agreement);
+            figure_ui(ui, agreement.map_or("–".to_owned(), |share| format!("{:.0} %", 100.0 * share)), "foretold");
+        });
+        if let Some(loss) = latest.and_then(|latest| latest.held_out_loss) {
+            row_ui(ui, "Held-out log-loss", format!("{loss:.3}"));
+        }
+        if let Some(fit) = state.session().and_then(|session| session.fits().last()) {
+            row_ui(ui, "Last full fit", counted(fit.fit.n_labels, "answer"));
+        }
+        ui.add_space(4.0);
+        if reward.is_fitting {
+            let (done, all) = latest.map_or((0, None), |latest| (latest.epoch, latest.fit_epochs));
+            ui.label(tokens::small(ui, format!("epoch {done}")));
+            progress_ui(ui, "Full fit", done as f32 / all.unwrap_or(1).max(1) as f32);
+        }
+        let fit = KeyButton::new("Fit fully").tone(Tone::Primary).enabled(!reward.is_fitting).wide(ui);
+        if fit.is_pressed(ui) {
+            commands.push(Command::FitReward);
+        }
+        ui.label(tokens::small(ui, "Begins afresh and saves the result in the session"));
+    });
+}
+
+/// How many answers there are of each label.
+fn distribution_ui(ui: &mut Ui, state: &State) {
+    let tokens = Tokens::of(ui);
+    let labels = state.session().map(|session| session.labeled()).unwrap_or_default();
+    let mut counts: std::collections::BTreeMap<i32, usize> = std::collections::BTreeMap::new();
+    for labeled in &labels {
+        *counts.entry((labeled.label.mu() * 1000.0).round() as i32).or_default() += 1;
+    }
+    let most = counts.values().copied().max().unwrap_or(1).max(1);
+    for (mu, n) in counts.iter().rev() {
+        let mu = f64::from(*mu) / 1000.0;
+        let (side, color) = match mu.total_cmp(&0.5) {
+            std::cmp::Ordering::Greater => ("left", tokens.lines[0]),
+            std::cmp::Ordering::Equal => ("neither", tokens.faint),
+            std::cmp::Ordering::Less => ("right", tokens.lines[2]),
+        };
+        bar_ui(ui, &format!("μ = {mu}"), side, *n, *n as f32 / most as f32, color);
+    }
+    row_ui(ui, "Skipped", state.session().map_or(0, |session| session.statistics().n_skipped).to_string());
+}
+
+fn bar_ui(ui: &mut Ui, name: &str, side: &str, n: usize, share: f32, color: Color32) {
+    let tokens = Tokens::of(ui);
+    let (rect, response) = ui.allocate_exact_size(vec2(ui.available_width(), 34.0), Sense::hover());
+    response.widget_info(|| WidgetInfo::labeled(Role::Label, true, format!("{name}, {side}: {n}")));
+    use eframe::egui::{Align2, FontId};
+    let font = || FontId::proportional(13.5);
+    ui.painter().text(rect.left_top(), Align2::LEFT_TOP, format!("{name}  {side}"), font(), tokens.muted);
+    ui.painter().text(rect.right_top(), Align2::RIGHT_TOP, n, font(), tokens.text);
+    let track = Rect::from_min_max(rect.left_bottom() - vec2(0.0, 12.0), rect.right_bottom() - vec2(0.0, 6.0));
+    ui.painter().rect_filled(track, CornerRadius::same(3), tokens.border);
+    let mut filled = track;
+    filled.set_width(track.width() * share);
+    ui.painter().rect_filled(filled, CornerRadius::same(3), color);
+}

@@ -1,0 +1,84 @@
+//! Beginning a session, and going on with another.
+
+use std::path::PathBuf;
+
+use eframe::egui::{Id, Key, Modal, RichText, ScrollArea, Ui};
+
+use crate::query::Protocol;
+use crate::ui::command::{Command, Field};
+use crate::ui::state::State;
+use crate::ui::tokens::{self, GAP, Tokens};
+use crate::ui::widgets::field::path_ui;
+use crate::ui::widgets::keycap::{KeyButton, Tone};
+
+pub(super) fn sessions_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
+    let modal = Modal::new(Id::unique("sessions")).show(ui.ctx(), |ui| {
+        ui.set_width(520.0);
+        ui.label(tokens::title("Sessions"));
+        ui.label(tokens::muted(ui, "A session holds dreams, answers and rewards. It saves itself."));
+        ui.add_space(GAP);
+        new_ui(ui, state, commands);
+        ui.add_space(GAP);
+        recent_ui(ui, state, commands);
+        ui.add_space(GAP);
+        path_ui(ui, state, Field::Session, "Or the folder of a session", commands);
+        ui.add_space(4.0);
+        ui.horizontal(|ui| {
+            let path = state.field(Field::Session).trim();
+            if KeyButton::new("Open").enabled(!path.is_empty()).is_pressed(ui) {
+                commands.push(Command::OpenSession(PathBuf::from(path)));
+            }
+            if KeyButton::new("Close").key(Key::Escape).tone(Tone::Quiet).show(ui).clicked() {
+                commands.push(Command::ToggleSessions);
+            }
+        });
+    });
+    if modal.should_close() && !commands.contains(&Command::ToggleSessions) {
+        commands.push(Command::ToggleSessions);
+    }
+}
+
+fn new_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
+    let tokens = Tokens::of(ui);
+    ui.label(RichText::new("Begin a new one").strong().color(tokens.text));
+    let has_world = state.world.loaded.is_some();
+    for (protocol, about) in [
+        (Protocol::Dropj, "Which clips stay safe; where both do, which is better"),
+        (Protocol::Drope, "Left, equal or right"),
+        (Protocol::Drop, "Left or right"),
+        (Protocol::DropjMulti, "What matters most, and left, equal or right"),
+    ] {
+        ui.horizontal(|ui| {
+            let tone = if protocol == Protocol::Dropj { Tone::Primary } else { Tone::Plain };
+            let button = KeyButton::new(protocol.name()).tone(tone).enabled(has_world);
+            if button.size(eframe::egui::vec2(160.0, 0.0)).is_pressed(ui) {
+                commands.push(Command::NewSession(protocol));
+            }
+            ui.label(tokens::muted(ui, about));
+        });
+    }
+}
+
+fn recent_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
+    let tokens = Tokens::of(ui);
+    ui.label(RichText::new("Go on with").strong().color(tokens.text));
+    if state.recent.is_empty() {
+        ui.label(tokens::muted(ui, "None yet."));
+        return;
+    }
+    ScrollArea::vertical().id_salt("recent").max_height(190.0).show(ui, |ui| {
+        for recent in &state.recent {
+            ui.horizontal(|ui| {
+                let is_open = state.store.as_ref().is_some_and(|store| store.dir() == recent.dir);
+                let button = KeyButton::new(&recent.name).tone(if is_open { Tone::Chosen } else { Tone::Plain });
+                if button.enabled(recent.about.is_ok()).is_pressed(ui) {
+                    commands.push(Command::OpenSession(recent.dir.clone()));
+                }
+                match &recent.about {
+                    Ok(about) => ui.label(tokens::small(ui, about.as_str())),
+                    Err(why) => ui.label(tokens::small(ui, why.as_str()).color(tokens.warn)),
+                };
+            });
+        }
+    });
+}

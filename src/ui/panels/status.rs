@@ -1,0 +1,124 @@
+//! The quiet line at the foot of the window, and the messages above it.
+
+use eframe::egui::{
+    Align, Align2, Area, Frame, Id, Key, Layout, Margin, Order, RichText, Sense, Stroke, ThemePreference, Ui, vec2,
+};
+
+use crate::ui::act::counted;
+use crate::ui::command::Command;
+use crate::ui::state::{State, ToastKind};
+use crate::ui::tokens::{self, CORNER, Tokens};
+use crate::ui::widgets::keycap::{KeyButton, Tone, keycap};
+
+pub(super) fn status_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
+    let tokens = Tokens::of(ui);
+    ui.horizontal_centered(|ui| {
+        ui.spacing_mut().item_spacing.x = 14.0;
+        match &state.store {
+            Some(store) => {
+                let n = store.session().n_entries();
+                let text = tokens::small(ui, format!("saved · {}", counted(n as usize, "event")));
+                ui.label(text).on_hover_text(store.dir().display().to_string());
+            }
+            None => drop(ui.label(tokens::small(ui, "nothing to save yet"))),
+        }
+        for job in jobs(state) {
+            let (rect, _) = ui.allocate_exact_size(vec2(7.0, 7.0), Sense::hover());
+            ui.painter().circle_filled(rect.center(), 3.5, tokens.accent);
+            ui.add_space(-8.0);
+            ui.label(tokens::small(ui, job));
+        }
+        for pad in &state.pads {
+            ui.label(tokens::small(ui, pad.as_str()));
+        }
+        ui.with_layout(Layout::right_to_left(Align::Center), |ui| {
+            ui.spacing_mut().item_spacing.x = 6.0;
+            if quiet_ui(ui, "Keys and help").on_hover_text("Every key of every panel").clicked() {
+                commands.push(Command::ToggleHelp);
+            }
+            keycap(ui, Key::Questionmark);
+            ui.add_space(12.0);
+            let (name, next) = match state.theme.unwrap_or(ThemePreference::System) {
+                ThemePreference::System => ("As the system", ThemePreference::Light),
+                ThemePreference::Light => ("Light", ThemePreference::Dark),
+                ThemePreference::Dark => ("Dark", ThemePreference::System),
+            };
+            if quiet_ui(ui, name).on_hover_text("Light, dark, or as the system says").clicked() {
+                commands.push(Command::Theme(next));
+            }
+        });
+    });
+}
+
+/// A word that can be clicked.
+fn quiet_ui(ui: &mut Ui, text: &str) -> eframe::egui::Response {
+    let text = tokens::small(ui, text);
+    ui.add(eframe::egui::Button::new(text).frame(false))
+}
+
+/// What is being done now.
+fn jobs(state: &State) -> Vec<String> {
+    let mut jobs = Vec::new();
+    if let Some(progress) = state.world.fit.as_ref().and_then(|fit| fit.progress.as_ref()) {
+        jobs.push(format!("world model: epoch {} of {}", progress.epoch + 1, progress.max_epochs));
+    } else if state.world.fit.is_some() {
+        jobs.push("world model: beginning".to_owned());
+    }
+    if let Some(learning) = state.reward.latest.as_ref().filter(|_| state.reward.is_fitting) {
+        let epochs = learning.fit_epochs.map_or_else(String::new, |n| format!(" of {n}"));
+        jobs.push(format!("reward: epoch {}{epochs}", learning.epoch));
+    }
+    if state.deploy.is_on {
+        jobs.push(format!("driving track {}", state.deploy.seed));
+    }
+    jobs
+}
+
+/// Messages, the newest lowest.
+pub(super) fn toasts_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
+    if state.toasts.is_empty() {
+        return;
+    }
+    let tokens = Tokens::of(ui);
+    Area::new(Id::unique("toasts"))
+        .order(Order::Foreground)
+        .anchor(Align2::RIGHT_BOTTOM, vec2(-20.0, -46.0))
+        .interactable(true)
+        .show(ui.ctx(), |ui| {
+            for toast in &state.toasts {
+                let color = match toast.kind {
+                    ToastKind::Note => tokens.accent,
+                    ToastKind::Done => tokens.good,
+                    ToastKind::Error => tokens.bad,
+                };
+                let frame = Frame::new()
+                    .fill(tokens.raised)
+                    .stroke(Stroke::new(1.0, color))
+                    .corner_radius(CORNER)
+                    .inner_margin(Margin::symmetric(14, 10));
+                frame.show(ui, |ui| {
+                    ui.set_width(380.0);
+                    ui.horizontal_top(|ui| {
+                        let room = ui.available_width() - 60.0;
+                        ui.vertical(|ui| {
+                            ui.set_width(room);
+                            ui.label(RichText::new(&toast.text).color(tokens.text));
+                            if !toast.ways.is_empty() {
+                                ui.horizontal(|ui| {
+                                    for (name, command) in &toast.ways {
+                                        if KeyButton::new(name).is_pressed(ui) {
+                                            commands.push(command.clone());
+                                            commands.push(Command::Dismiss(toast.id));
+                                        }
+                                    }
+                                });
+                            }
+                        });
+                        if KeyButton::new("Close").tone(Tone::Quiet).show(ui).clicked() {
+                            commands.push(Command::Dismiss(toast.id));
+                        }
+                    });
+                });
+            }
+        });
+}

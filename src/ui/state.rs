@@ -1,0 +1,366 @@
+//! What the window shows: panels read it, only the app changes it.
+
+use std::collections::{BTreeMap, VecDeque};
+use std::path::PathBuf;
+
+use eframe::egui::{TextureHandle, ThemePreference};
+
+use crate::env::Action;
+use crate::env::Frame;
+use crate::evaluation::EpisodeMetrics;
+use crate::query::{Justification, Protocol, Query, QueryId, Weights};
+use crate::session::{Header, Session, SessionStore, UnfinishedDream};
+use crate::tensor::Parameters;
+use crate::ui::command::{Command, Field, Panel};
+use crate::ui::widgets::clip::Clip;
+use crate::world_model::LatentState;
+use crate::world_model::fit::{Progress, Stage};
+use crate::worker::{DriveView, Learning, LiveView};
+
+/// Where a dream can begin.
+#[derive(Clone, Debug)]
+pub struct DreamStart {
+    /// What a person would call it.
+    pub name: String,
+    /// The state.
+    pub state: LatentState,
+    /// What it looks like.
+    pub picture: Option<Frame>,
+}
+
+/// A world model that is ready for use.
+#[derive(Clone, Debug)]
+pub struct LoadedWorld {
+    /// A name for people: that it is shipped, or its file's.
+    pub name: String,
+    /// The file it came from, if it came from one.
+    pub path: Option<PathBuf>,
+    /// The networks.
+    pub parameters: Parameters,
+    /// What is known about it: what it learned from, how well it foretells.
+    pub card: Vec<(String, String)>,
+    /// Where its dreams can begin.
+    pub starts: Vec<DreamStart>,
+}
+
+/// Everything that panels read.
+#[derive(Default)]
+pub(crate) struct State {
+    /// Seconds since the window opened.
+    pub now: f64,
+    /// What is shown.
+    pub panel: Panel,
+    /// What is typed.
+    pub fields: BTreeMap<Field, String>,
+    /// The session, once there is one.
+    pub store: Option<SessionStore>,
+    /// Sessions that can be opened.
+    pub recent: Vec<RecentSession>,
+    /// Dreams that a killed program left behind.
+    pub unfinished: Vec<UnfinishedDream>,
+    pub sessions_open: bool,
+    pub help_open: bool,
+    pub theme: Option<ThemePreference>,
+    /// Who draws the window.
+    pub adapter: String,
+    /// The pads that are plugged in.
+    pub pads: Vec<String>,
+    pub toasts: Vec<Toast>,
+    pub world: World,
+    pub record: Recording,
+    pub dream: Dreaming,
+    pub label: Labeling,
+    pub reward: Rewarding,
+    pub deploy: Deploying,
+}
+
+/// A session in the list.
+#[derive(Clone, Debug)]
+pub(crate) struct RecentSession {
+    pub dir: PathBuf,
+    pub name: String,
+    /// What it holds, or why it cannot be opened.
+    pub about: Result<String, String>,
+}
+
+/// A message, with a way out of what it tells.
+#[derive(Clone, Debug)]
+pub(crate) struct Toast {
+    pub id: u64,
+    pub kind: ToastKind,
+    pub text: String,
+    /// What can be done, and what it is called.
+    pub ways: Vec<(String, Command)>,
+    /// When it goes by itself, in seconds since the window opened.
+    pub until: Option<f64>,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum ToastKind {
+    Note,
+    Done,
+    Error,
+}
+
+/// The world model, and the fit of another.
+#[derive(Default)]
+pub(crate) struct World {
+    pub loaded: Option<LoadedWorld>,
+    pub hash: String,
+    pub fit: Option<FitState>,
+    /// The file of the last fit.
+    pub fitted: Option<PathBuf>,
+}
+
+/// A fit that is under way.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct FitState {
+    pub progress: Option<Progress>,
+    /// The stage, when it was first heard of, and how many updates it had then.
+    pub began: Option<(Stage, f64, usize)>,
+    pub loss: Vec<[f64; 2]>,
+    pub held_out: Vec<[f64; 2]>,
+}
+
+impl FitState {
+    /// Updates that `progress` has behind it in its stage.
+    fn updates(progress: &Progress) -> usize {
+        progress.epoch * progress.n + progress.done
+    }
+
+    pub(crate) fn hear(&mut self, progress: Progress, now: f64) {
+        let updates = Self::updates(&progress);
+        if self.began.is_none_or(|(stage, ..)| stage != progress.stage) {
+            self.began = Some((progress.stage, now, updates));
+            self.loss.clear();
+            self.held_out.clear();
+        }
+        let x = updates as f64 / progress.n.max(1) as f64;
+        if progress.loss.is_finite() {
+            self.loss.push([x, progress.loss]);
+        }
+        if let Some(held_out) = progress.held_out.filter(|loss| loss.is_finite()) {
+            self.held_out.push([x, held_out]);
+        }
+        self.progress = Some(progress);
+    }
+
+    /// Frames or steps a second, and seconds to the end of the stage at the most.
+    pub(crate) fn pace(&self, now: f64) -> Option<(f64, f64)> {
+        let ((_, since, first), progress) = (self.began?, self.progress.as_ref()?);
+        let (secs, done) = (now - since, Self::updates(progress).saturating_sub(first) as f64);
+        if secs < 1.0 || done < 1.0 {
+            return None;
+        }
+        let left = (progress.max_epochs * progress.n).saturating_sub(Self::updates(progress)) as f64;
+        Some((done * progress.items as f64 / secs, left * secs / done))
+    }
+}
+
+/// Driving the real car.
+#[derive(Default)]
+pub(crate) struct Recording {
+    pub is_on: bool,
+    pub live: Option<LiveView>,
+    pub picture: Option<TextureHandle>,
+    /// Episodes kept since the window opened: number and steps.
+    pub kept: Vec<(usize, usize)>,
+}
+
+/// Driving in a dream.
+#[derive(Default)]
+pub(crate) struct Dreaming {
+    pub is_on: bool,
+    /// Whether the dream has been asked to end and its episode is awaited.
+    pub is_ending: bool,
+    pub start_idx: usize,
+    pub live: Option<LiveView>,
+    pub picture: Option<TextureHandle>,
+    /// What starts look like, in their order.
+    pub thumbnails: Vec<Option<TextureHandle>>,
+    pub seed: u64,
+    /// What the hands do now.
+    pub action: Action,
+}
+
+/// A pair of clips on the graphics card.
+pub(crate) struct Pair {
+    pub left: Clip,
+    pub right: Clip,
+}
+
+/// Answering.
+pub(crate) struct Labeling {
+    /// The query that is answered again, before the others.
+    pub revisited: Option<QueryId>,
+    /// The query that is on the screen, and since when.
+    pub shown: Option<(QueryId, f64)>,
+    /// Clips that are ready, by query.
+    pub pairs: BTreeMap<QueryId, Pair>,
+    /// Queries whose clips have been asked for.
+    pub asked: Vec<QueryId>,
+    /// Where the clips are, in frames.
+    pub playhead: f64,
+    /// How often they were seen to their end.
+    pub loops: u32,
+    pub is_standing: bool,
+    /// Frames a second.
+    pub speed: f64,
+    /// Whether the questions come one at a time.
+    pub is_guided: bool,
+    /// What was said to the guided questions so far: whether left is safe, then right.
+    pub guided: Vec<bool>,
+    /// The justification that the next preference rests on.
+    pub justification: Option<Justification>,
+    /// The answer given last, in words.
+    pub said: Option<String>,
+    /// The query that was skipped just now, which can still be given a reason.
+    pub skipped: Option<QueryId>,
+}
+
+/// Frames a second at which clips are played at first: as they were driven.
+pub(crate) const NORMAL_SPEED: f64 = 25.0;
+
+impl Default for Labeling {
+    fn default() -> Self {
+        Self {
+            revisited: None,
+            shown: None,
+            pairs: BTreeMap::new(),
+            asked: Vec::new(),
+            playhead: 0.0,
+            loops: 0,
+            is_standing: false,
+            speed: NORMAL_SPEED,
+            is_guided: false,
+            guided: Vec::new(),
+            justification: None,
+            said: None,
+            skipped: None,
+        }
+    }
+}
+
+/// Learning the reward.
+#[derive(Default)]
+pub(crate) struct Rewarding {
+    pub latest: Option<Learning>,
+    /// Loss of each member, by report.
+    pub losses: Vec<Vec<[f64; 2]>>,
+    pub held_out: Vec<[f64; 2]>,
+    pub agreement: Vec<[f64; 2]>,
+    /// Reports heard so far.
+    pub n_heard: usize,
+    pub parameters: Option<Parameters>,
+    /// How many answers those rest on.
+    pub n_learned: usize,
+    pub is_fitting: bool,
+}
+
+impl Rewarding {
+    pub(crate) fn hear(&mut self, learning: Learning) {
+        let x = self.n_heard as f64;
+        self.n_heard += 1;
+        self.losses.resize(learning.losses.len().max(self.losses.len()), Vec::new());
+        for (curve, loss) in self.losses.iter_mut().zip(&learning.losses) {
+            push_thinned(curve, [x, f64::from(*loss)]);
+        }
+        let n = learning.n_labels as f64;
+        if let Some(loss) = learning.held_out_loss {
+            push_by_label(&mut self.held_out, [n, f64::from(loss)]);
+        }
+        if let Some(agreement) = learning.agreement {
+            push_by_label(&mut self.agreement, [n, f64::from(agreement)]);
+        }
+        self.is_fitting = learning.fit_epochs.is_some();
+        self.latest = Some(learning);
+    }
+}
+
+/// Appends a point; a curve of very many loses every second one.
+fn push_thinned(curve: &mut Vec<[f64; 2]>, point: [f64; 2]) {
+    const MOST: usize = 4000;
+    curve.push(point);
+    if curve.len() > MOST {
+        let mut is_kept = false;
+        curve.retain(|_| {
+            is_kept = !is_kept;
+            is_kept
+        });
+    }
+}
+
+/// Appends a point, or moves the last one where nothing was answered since.
+fn push_by_label(curve: &mut Vec<[f64; 2]>, point: [f64; 2]) {
+    match curve.last_mut() {
+        Some(last) if last[0] == point[0] => *last = point,
+        _ => push_thinned(curve, point),
+    }
+}
+
+/// The planner at the wheel.
+#[derive(Default)]
+pub(crate) struct Deploying {
+    pub is_on: bool,
+    pub is_paused: bool,
+    pub seed: u64,
+    pub view: Option<DriveView>,
+    pub picture: Option<TextureHandle>,
+    /// Last pictures of the candidates.
+    pub candidates: Vec<Option<TextureHandle>>,
+    /// Episodes that ended: the track's seed and the figures.
+    pub episodes: Vec<(u64, EpisodeMetrics)>,
+}
+
+/// The queries that come next, the present one first.
+pub(crate) type Upcoming = VecDeque<Query>;
+
+impl State {
+    /// The session, if there is one.
+    pub(crate) fn session(&self) -> Option<&Session> {
+        self.store.as_ref().map(SessionStore::session)
+    }
+
+    /// The session's head, if there is one.
+    pub(crate) fn header(&self) -> Option<&Header> {
+        self.store.as_ref().map(SessionStore::header)
+    }
+
+    /// The questions that are asked.
+    pub(crate) fn protocol(&self) -> Protocol {
+        self.session().map_or(Protocol::Dropj, Session::protocol)
+    }
+
+    /// What answers weigh.
+    pub(crate) fn weights(&self) -> Weights {
+        self.session().map_or_else(Weights::car_racing, |session| session.weights().clone())
+    }
+
+    /// What is typed into a field.
+    pub(crate) fn field(&self, field: Field) -> &str {
+        self.fields.get(&field).map_or("", String::as_str)
+    }
+
+    /// The queries to answer, the one on the screen first.
+    pub(crate) fn upcoming(&self) -> Upcoming {
+        let Some(session) = self.session() else { return Upcoming::new() };
+        let revisited = self.label.revisited.and_then(|id| session.query(id)).map(|asked| asked.query);
+        let pending = session.pending().map(|asked| asked.query);
+        let pending = pending.filter(|query| Some(query.id) != self.label.revisited);
+        revisited.into_iter().chain(pending).collect()
+    }
+
+    /// The query that is on the screen.
+    pub(crate) fn current(&self) -> Option<Query> {
+        self.upcoming().pop_front()
+    }
+
+    /// Whether keys and pad drive something now.
+    pub(crate) fn is_driving(&self) -> bool {
+        match self.panel {
+            Panel::Dream => self.dream.is_on,
+            Panel::Record => self.record.is_on,
+            _ => false,
+        }
+    }
+}

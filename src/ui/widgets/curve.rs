@@ -1,0 +1,56 @@
+//! Curves over time.
+
+use eframe::egui::{Color32, FontId, RichText, Ui, Vec2b};
+use egui_plot::{HLine, Legend, Line, Plot, PlotPoints};
+
+use crate::ui::tokens::{self, Tokens};
+
+/// One line of a plot.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Curve<'a> {
+    /// What it shows.
+    pub name: &'a str,
+    /// From left to right.
+    pub points: &'a [[f64; 2]],
+    /// Its color.
+    pub color: Color32,
+}
+
+/// Curves under a heading; `level` is drawn as a quiet line to compare with.
+pub(crate) fn curves_ui(ui: &mut Ui, heading: &str, curves: &[Curve<'_>], level: Option<(&str, f64)>, height: f32) {
+    let tokens = Tokens::of(ui);
+    ui.label(RichText::new(heading).color(tokens.muted));
+    if curves.iter().all(|curve| curve.points.len() < 2) {
+        ui.allocate_ui(eframe::egui::vec2(ui.available_width(), height), |ui| {
+            ui.set_min_height(height);
+            ui.centered_and_justified(|ui| ui.label(tokens::small(ui, "nothing measured yet")));
+        });
+        return;
+    }
+    let legend = Legend::default().background_alpha(0.0).text_style(eframe::egui::TextStyle::Small);
+    let mut plot = Plot::new(heading)
+        .height(height)
+        .show_background(false)
+        .allow_scroll(false)
+        .allow_zoom(false)
+        .allow_drag(false)
+        .allow_boxed_zoom(false)
+        .auto_bounds(Vec2b::TRUE)
+        .include_y(0.0)
+        .show_x(false);
+    if curves.len() > 1 || level.is_some() {
+        plot = plot.legend(legend);
+    }
+    ui.scope(|ui| {
+        ui.style_mut().text_styles.insert(eframe::egui::TextStyle::Body, FontId::proportional(12.0));
+        plot.show(ui, |plot| {
+            if let Some((name, y)) = level {
+                plot.hline(HLine::new(name, y).color(tokens.faint).width(1.0));
+            }
+            for curve in curves {
+                let points = PlotPoints::from(curve.points.to_vec());
+                plot.line(Line::new(curve.name, points).color(curve.color).width(1.8));
+            }
+        });
+    });
+}

@@ -1,0 +1,509 @@
+//! The window without a screen: what labels and keys do, and a few pictures of it.
+
+#![expect(clippy::unwrap_used, reason = "a test that cannot be set up fails")]
+
+use std::path::Path;
+use std::sync::{Arc, Mutex};
+
+use dropj::dream::DreamEpisode;
+use dropj::env::controls::Pad;
+use dropj::env::{Action, Frame};
+use dropj::query::{
+    Preference, Protocol, QueryId, Response, SEGMENT_LEN, SafetyAnswer, SkipReason,
+};
+use dropj::session::{DreamSource, Header, SessionStore};
+use dropj::tensor::Parameters;
+use dropj::ui::{
+    App, Crew, DreamStart, InputSource, LoadedWorld, Order, PadButton, PadEvent, Panel, Slots, Startup,
+};
+use dropj::worker::{
+    ClipperCommand, DreamerCommand, LiveView, RecorderCommand, Report, Reports, TrainerCommand,
+};
+use dropj::world_model::{LatentState, WorldModelConfig, untrained};
+use eframe::egui::{Event, Key, Vec2, vec2};
+use egui_kittest::Harness;
+use egui_kittest::kittest::{NodeT as _, Queryable as _};
+use rand::SeedableRng as _;
+use rand_chacha::ChaCha8Rng;
+
+/// What a test holds on to: what was ordered, how to report, and the pad's next events.
+#[derive(Clone, Default)]
+struct Backstage {
+    orders: Arc<Mutex<Vec<Order>>>,
+    reports: Arc<Mutex<Option<Reports>>>,
+    pad: Arc<Mutex<Vec<PadEvent>>>,
+    slots: Slots,
+}
+
+impl Backstage {
+    fn report(&self, report: Report) {
+        self.reports.lock().unwrap().as_ref().unwrap().send(report);
+    }
+
+    /// The orders since the last time.
+    fn orders(&self) -> Vec<Order> {
+        std::mem::take(&mut *self.orders.lock().unwrap())
+    }
+
+    fn action(&self) -> Action {
+        self.slots.action.peek().map_or_else(Action::default, |(action, _)| action)
+    }
+}
+
+impl Crew for Backstage {
+    fn send(&mut self, order: Order) {
+        if let Order::Clipper(ClipperCommand::Decode(query)) = &order {
+            let clip = |shade: usize| (0..SEGMENT_LEN).map(|t| frame(shade + 6 * t)).collect();
+            self.report(Report::Clips { query: *query, left: clip(40), right: clip(100) });
+        }
+        self.orders.lock().unwrap().push(order);
+    }
+
+    fn change_world(&mut self, _model: &Parameters) {}
+
+    fn forget(&mut self) {}
+
+    fn slots(&self) -> Slots {
+        self.slots.clone()
+    }
+}
+
+impl InputSource for Backstage {
+    fn poll(&mut self) -> Vec<PadEvent> {
+        std::mem::take(&mut *self.pad.lock().unwrap())
+    }
+}
+
+/// A road of gray in something green, as wide as `shade` is bright.
+fn frame(shade: usize) -> Frame {
+    let side = 24;
+    let pixel = |i: usize| {
+        let (x, y) = (i % side, i / side);
+        let is_road = x.abs_diff(side / 2) < 3 + (y + shade / 16) % 6;
+        if is_road { [shade as u8; 3] } else { [60, 130, 70] }
+    };
+    Frame::new(side as u32, (0..side * side).flat_map(pixel).collect::<Vec<_>>())
+}
+
+fn world() -> LoadedWorld {
+    let model = untrained(&WorldModelConfig::tiny(), &mut ChaCha8Rng::seed_from_u64(0));
+    let state = LatentState { z: vec![0.1; 4], c: vec![0.0; 16], h: vec![0.0; 16] };
+    let start = |i: usize| DreamStart {
+        name: format!("Start {i}"),
+        state: state.clone(),
+        picture: Some(frame(60 * i)),
+    };
+    LoadedWorld {
+        name: "Toy".to_owned(),
+        path: None,
+        parameters: model.parameters().clone(),
+        card: vec![("Learned from".to_owned(), "nothing".to_owned())],
+        starts: (1..4).map(start).collect(),
+    }
+}
+
+fn dream(n: usize) -> DreamEpisode {
+    let start = LatentState { z: vec![0.1; 4], c: vec![0.0; 16], h: vec![0.0; 16] };
+    let mut episode = DreamEpisode::new(start, 7);
+    for _ in 0..n {
+        episode.zs.push(&[0.1; 4]);
+        episode.actions.push(Action::default());
+    }
+    episode
+}
+
+/// A session with two dreams.
+fn session(dir: &Path, protocol: Protocol) -> SessionStore {
+    let header = Header::new("dummy-road", protocol, 5, &world().parameters.hash(), 1_795_342_500_000);
+    let mut store = SessionStore::create(&dir.join("2026-11-22T10-15-00-test"), header).unwrap();
+    store.save_dream(&dream(200), DreamSource::User).unwrap();
+    store.save_dream(&dream(90), DreamSource::User).unwrap();
+    store
+}
+
+fn window(dir: &Path, session: Option<SessionStore>, size: Vec2, picture: bool) -> (Harness<'static, App>, Backstage) {
+    let backstage = Backstage::default();
+    let crew = backstage.clone();
+    let startup = Startup {
+        sessions: dir.to_owned(),
+        dataset: "recordings".into(),
+        world: Ok(world()),
+        session,
+        load: Box::new(|path| Err(format!("cannot read the world model: {path:?}"))),
+        hire: Box::new(move |reports, _| {
+            *crew.reports.lock().unwrap() = Some(reports.clone());
+            Box::new(crew)
+        }),
+        input: Box::new(backstage.clone()),
+    };
+    let builder = Harness::builder().with_size(size).with_step_dt(0.04);
+    let builder = if picture { builder.wgpu() } else { builder };
+    let mut harness = builder.build_eframe(|cc| App::new(cc, startup));
+    harness.run_steps(2);
+    (harness, backstage)
+}
+
+/// A window on the label panel of a session.
+fn labeling(dir: &Path, protocol: Protocol) -> (Harness<'static, App>, Backstage) {
+    let store = session(dir, protocol);
+    let (mut harness, backstage) = window(dir, Some(store), vec2(1280.0, 800.0), false);
+    go(&mut harness, Panel::Label);
+    backstage.orders();
+    (harness, backstage)
+}
+
+fn go(harness: &mut Harness<'_, App>, panel: Panel) {
+    harness.get_by_label(panel.name()).click();
+    harness.run_steps(3);
+}
+
+fn press(harness: &mut Harness<'_, App>, key: Key) {
+    harness.key_press(key);
+    harness.run_steps(2);
+}
+
+/// What the session says was answered, in the order of answering.
+fn answers(harness: &Harness<'_, App>) -> Vec<(QueryId, Response)> {
+    let session = harness.state().session().unwrap().session();
+    session.answers().iter().map(|given| (given.answer.query, given.answer.response)).collect()
+}
+
+fn responses(harness: &Harness<'_, App>) -> Vec<Response> {
+    answers(harness).into_iter().map(|(_, response)| response).collect()
+}
+
+#[test]
+fn every_answer_of_dropj_has_one_key() {
+    let dir = tempfile::tempdir().unwrap();
+    let (mut harness, _) = labeling(dir.path(), Protocol::Dropj);
+    let keys = [Key::A, Key::D, Key::S, Key::ArrowLeft, Key::ArrowUp, Key::ArrowRight, Key::Space];
+    for key in keys {
+        press(&mut harness, key);
+    }
+    let both = |preference| Response::Safety(SafetyAnswer::Both(preference));
+    let expected = [
+        Response::Safety(SafetyAnswer::OnlyLeft),
+        Response::Safety(SafetyAnswer::OnlyRight),
+        Response::Safety(SafetyAnswer::Neither),
+        both(Preference::Left),
+        both(Preference::Equal),
+        both(Preference::Right),
+        Response::Skipped(None),
+    ];
+    assert_eq!(responses(&harness), expected);
+}
+
+#[test]
+fn every_answer_of_drop_and_drope_has_one_key() {
+    let dir = tempfile::tempdir().unwrap();
+    let (mut harness, _) = labeling(dir.path(), Protocol::Drope);
+    for key in [Key::ArrowLeft, Key::ArrowUp, Key::ArrowRight] {
+        press(&mut harness, key);
+    }
+    let preferred = [Preference::Left, Preference::Equal, Preference::Right].map(Response::Preferred);
+    assert_eq!(responses(&harness), preferred);
+
+    let dir = tempfile::tempdir().unwrap();
+    let (mut harness, _) = labeling(dir.path(), Protocol::Drop);
+    for key in [Key::ArrowUp, Key::ArrowRight] {
+        press(&mut harness, key);
+    }
+    assert_eq!(responses(&harness), [Response::Preferred(Preference::Right)], "DROP knows no equal");
+}
+
+#[test]
+fn buttons_say_what_their_keys_do() {
+    let dir = tempfile::tempdir().unwrap();
+    let (mut harness, backstage) = labeling(dir.path(), Protocol::Dropj);
+    harness.get_by_label("Only left is safe").click();
+    harness.run_steps(2);
+    assert_eq!(responses(&harness), [Response::Safety(SafetyAnswer::OnlyLeft)]);
+    harness.get_by_label("μ = 1: left preferred because right is unsafe");
+    let learned = backstage.orders().into_iter().any(|order| {
+        matches!(order, Order::Trainer(TrainerCommand::Learn(query, label)) if query.id == QueryId(0) && label.mu() == 1.0)
+    });
+    assert!(learned, "the trainer was not told");
+}
+
+#[test]
+fn the_next_pair_is_there_in_the_frame_after_an_answer() {
+    let dir = tempfile::tempdir().unwrap();
+    let (mut harness, backstage) = labeling(dir.path(), Protocol::Dropj);
+    harness.key_press(Key::A);
+    harness.step();
+    harness.key_press(Key::D);
+    harness.step();
+    assert_eq!(answers(&harness).len(), 2, "an answer in each of two frames");
+    let n_decoded = |orders: Vec<Order>| {
+        orders.iter().filter(|order| matches!(order, Order::Clipper(ClipperCommand::Decode(_)))).count()
+    };
+    assert_eq!(n_decoded(backstage.orders()), 2, "as many are drawn ahead as were answered");
+}
+
+#[test]
+fn undo_has_no_limit_and_shows_the_query_again() {
+    let dir = tempfile::tempdir().unwrap();
+    let (mut harness, backstage) = labeling(dir.path(), Protocol::Dropj);
+    for key in [Key::A, Key::S, Key::D] {
+        press(&mut harness, key);
+    }
+    for _ in 0..3 {
+        press(&mut harness, Key::Backspace);
+    }
+    assert_eq!(answers(&harness), [], "all are taken back");
+    assert!(
+        backstage.orders().iter().any(|order| matches!(order, Order::Trainer(TrainerCommand::Forget(QueryId(0))))),
+        "the trainer forgets the first answer",
+    );
+    press(&mut harness, Key::D);
+    assert_eq!(answers(&harness), [(QueryId(0), Response::Safety(SafetyAnswer::OnlyRight))]);
+}
+
+#[test]
+fn a_skip_can_be_given_a_reason_and_one_undo_takes_back_both() {
+    let dir = tempfile::tempdir().unwrap();
+    let (mut harness, _) = labeling(dir.path(), Protocol::Dropj);
+    press(&mut harness, Key::Space);
+    press(&mut harness, Key::Num1);
+    assert_eq!(responses(&harness), [Response::Skipped(Some(SkipReason::Hallucinated))]);
+    press(&mut harness, Key::Backspace);
+    assert_eq!(responses(&harness), []);
+}
+
+#[test]
+fn the_guided_questions_come_one_at_a_time() {
+    let dir = tempfile::tempdir().unwrap();
+    let (mut harness, _) = labeling(dir.path(), Protocol::Dropj);
+    harness.get_by_label("One question at a time").click();
+    harness.run_steps(2);
+    harness.get_by_label("Does the left clip stay safe?");
+    press(&mut harness, Key::Y);
+    harness.get_by_label("Does the right clip stay safe?");
+    press(&mut harness, Key::N);
+    assert_eq!(responses(&harness), [Response::Safety(SafetyAnswer::OnlyLeft)]);
+
+    press(&mut harness, Key::Y);
+    press(&mut harness, Key::Y);
+    harness.get_by_label("Both are safe. Which is better?");
+    press(&mut harness, Key::ArrowRight);
+    assert_eq!(responses(&harness)[1], Response::Safety(SafetyAnswer::Both(Preference::Right)));
+
+    press(&mut harness, Key::Y);
+    press(&mut harness, Key::Backspace);
+    harness.get_by_label("Does the left clip stay safe?");
+    assert_eq!(answers(&harness).len(), 2, "undo went back by one question only");
+}
+
+#[test]
+fn a_preference_rests_on_the_justification_that_was_named() {
+    let dir = tempfile::tempdir().unwrap();
+    let (mut harness, _) = labeling(dir.path(), Protocol::DropjMulti);
+    press(&mut harness, Key::Num1);
+    press(&mut harness, Key::ArrowLeft);
+    press(&mut harness, Key::ArrowLeft);
+    let all = harness.state().session().unwrap().session().weights().justifications.clone();
+    let grass = all.named("grass").unwrap();
+    let expected = [grass, all.default()].map(|why| Response::Justified(why, Preference::Left));
+    assert_eq!(responses(&harness), expected, "and the default counts where none was named");
+}
+
+#[test]
+fn a_pad_answers_too() {
+    let dir = tempfile::tempdir().unwrap();
+    let (mut harness, backstage) = labeling(dir.path(), Protocol::Dropj);
+    for button in [PadButton::LeftShoulder, PadButton::Right, PadButton::East, PadButton::Back] {
+        backstage.pad.lock().unwrap().push(PadEvent::Pressed(button));
+        harness.run_steps(2);
+    }
+    let right = Response::Safety(SafetyAnswer::Both(Preference::Right));
+    assert_eq!(responses(&harness), [Response::Safety(SafetyAnswer::OnlyLeft), right]);
+}
+
+#[test]
+fn an_answer_is_on_disk_before_the_next_query_shows() {
+    let dir = tempfile::tempdir().unwrap();
+    let (mut harness, _) = labeling(dir.path(), Protocol::Dropj);
+    press(&mut harness, Key::A);
+    let folder = harness.state().session().unwrap().dir().to_owned();
+    let log = std::fs::read_to_string(folder.join("events.jsonl")).unwrap();
+    assert!(log.lines().last().unwrap().contains("\"asked\"") || log.contains("only_left"), "{log}");
+    assert!(log.contains("only_left"), "{log}");
+}
+
+/// A dream that has begun.
+fn dreaming(dir: &Path) -> (Harness<'static, App>, Backstage) {
+    let (mut harness, backstage) = window(dir, None, vec2(1280.0, 800.0), false);
+    assert_eq!(harness.state().panel(), Panel::Dream, "one can drive at once");
+    press(&mut harness, Key::Enter);
+    let orders = backstage.orders();
+    let started = orders.iter().find_map(|order| match order {
+        Order::Dreamer(DreamerCommand::Start { journal, .. }) => Some(journal.is_some()),
+        _ => None,
+    });
+    assert_eq!(started, Some(true), "it has begun, and is journaled");
+    (harness, backstage)
+}
+
+#[test]
+fn held_keys_drive_until_they_are_released() {
+    let dir = tempfile::tempdir().unwrap();
+    let (mut harness, backstage) = dreaming(dir.path());
+    harness.key_down(Key::ArrowLeft);
+    harness.key_down(Key::W);
+    harness.run_steps(3);
+    assert_eq!(backstage.action(), Action::new(-1.0, 1.0, 0.0));
+    harness.key_up(Key::ArrowLeft);
+    harness.run_steps(1);
+    assert_eq!(backstage.action(), Action::new(0.0, 1.0, 0.0));
+}
+
+#[test]
+fn a_tap_within_one_frame_counts_once() {
+    let dir = tempfile::tempdir().unwrap();
+    let (mut harness, backstage) = dreaming(dir.path());
+    harness.event(key(Key::D, true));
+    harness.event(key(Key::D, false));
+    harness.step();
+    assert_eq!(backstage.action().steer, 1.0);
+    harness.step();
+    assert_eq!(backstage.action().steer, 0.0);
+}
+
+fn key(key: Key, pressed: bool) -> Event {
+    Event::Key { key, physical_key: None, pressed, repeat: false, modifiers: Default::default() }
+}
+
+#[test]
+fn losing_the_focus_lets_go_of_all_keys() {
+    let dir = tempfile::tempdir().unwrap();
+    let (mut harness, backstage) = dreaming(dir.path());
+    harness.key_down(Key::ArrowUp);
+    harness.run_steps(2);
+    assert_eq!(backstage.action().gas, 1.0);
+    harness.event(Event::WindowFocused(false));
+    harness.run_steps(2);
+    assert_eq!(backstage.action(), Action::default());
+}
+
+#[test]
+fn unplugging_a_pad_lets_go_of_it_and_says_so() {
+    let dir = tempfile::tempdir().unwrap();
+    let (mut harness, backstage) = dreaming(dir.path());
+    let pad = Pad { stick: 1.0, right_trigger: 1.0, left_trigger: 0.0 };
+    let name = || "Test pad".to_owned();
+    backstage.pad.lock().unwrap().extend([PadEvent::Connected(name()), PadEvent::Moved(pad)]);
+    harness.run_steps(2);
+    assert_eq!(backstage.action(), Action::new(1.0, 1.0, 0.0));
+    backstage.pad.lock().unwrap().push(PadEvent::Disconnected(name()));
+    harness.run_steps(2);
+    assert_eq!(backstage.action(), Action::default());
+    harness.get_by_label_contains("Test pad was unplugged");
+}
+
+#[test]
+fn a_dream_is_kept_with_one_key_and_redone_with_another() {
+    let dir = tempfile::tempdir().unwrap();
+    let (mut harness, backstage) = dreaming(dir.path());
+    press(&mut harness, Key::R);
+    let orders = backstage.orders();
+    let [Order::Dreamer(DreamerCommand::Discard), Order::Dreamer(DreamerCommand::Start { journal, .. })] = &orders[..]
+    else {
+        panic!("{orders:?}")
+    };
+    assert!(journal.is_some(), "the second dream has a journal too");
+    press(&mut harness, Key::N);
+    assert!(matches!(backstage.orders()[..], [Order::Dreamer(DreamerCommand::Finish)]), "it is asked to end");
+    backstage.report(Report::Dreamt { episode: dream(60), journal: None });
+    harness.run_steps(2);
+    let session = harness.state().session().unwrap().session();
+    assert_eq!(session.dreams().len(), 1);
+    assert_eq!(session.protocol(), Protocol::Dropj, "the first dream begins a session");
+}
+
+#[test]
+fn a_dream_shorter_than_a_segment_is_not_kept_and_says_why() {
+    let dir = tempfile::tempdir().unwrap();
+    let (mut harness, backstage) = dreaming(dir.path());
+    backstage.report(Report::Dreamt { episode: dream(12), journal: None });
+    harness.run_steps(2);
+    assert_eq!(harness.state().session().unwrap().session().dreams().len(), 0);
+    harness.get_by_label_contains("a segment needs 20");
+}
+
+#[test]
+fn leaving_the_panel_pauses_the_dream() {
+    let dir = tempfile::tempdir().unwrap();
+    let (mut harness, backstage) = dreaming(dir.path());
+    backstage.slots.dream.put(view(10));
+    harness.run_steps(1);
+    go(&mut harness, Panel::Reward);
+    assert!(matches!(backstage.orders()[..], [Order::Dreamer(DreamerCommand::Pause(true))]), "nobody drives unseen");
+}
+
+fn view(step: usize) -> LiveView {
+    LiveView {
+        frame: frame(90),
+        picture: None,
+        step,
+        action: Action::default(),
+        steps_per_sec: 50.0,
+        n_late: 0,
+        is_paused: false,
+        n_unsafe_marks: 0,
+    }
+}
+
+#[test]
+fn recording_uses_the_same_keys() {
+    let dir = tempfile::tempdir().unwrap();
+    let (mut harness, backstage) = window(dir.path(), None, vec2(1280.0, 800.0), false);
+    go(&mut harness, Panel::Record);
+    for key in [Key::Enter, Key::P, Key::N] {
+        press(&mut harness, key);
+    }
+    let orders = backstage.orders();
+    let [
+        Order::Recorder(RecorderCommand::Start { seed: 1, .. }),
+        Order::Recorder(RecorderCommand::Pause(true)),
+        Order::Recorder(RecorderCommand::Keep),
+    ] = &orders[..]
+    else {
+        panic!("{orders:?}")
+    };
+}
+
+#[test]
+fn an_empty_panel_says_what_to_do_and_takes_one_there() {
+    let dir = tempfile::tempdir().unwrap();
+    let (mut harness, _) = window(dir.path(), None, vec2(1280.0, 800.0), false);
+    go(&mut harness, Panel::Label);
+    harness.get_by_label("Go and dream").click();
+    harness.run_steps(2);
+    assert_eq!(harness.state().panel(), Panel::Dream);
+}
+
+#[test]
+fn a_worker_that_fails_is_a_sentence_in_the_window() {
+    let dir = tempfile::tempdir().unwrap();
+    let (mut harness, backstage) = dreaming(dir.path());
+    backstage.report(Report::Failed { worker: "dreamer", message: "the model is not a model".to_owned() });
+    harness.run_steps(2);
+    harness.get_by_label_contains("The model is not a model");
+    harness.get_by_label("Drive");
+}
+
+#[test]
+fn controls_have_names() {
+    let dir = tempfile::tempdir().unwrap();
+    let (mut harness, _) = labeling(dir.path(), Protocol::Dropj);
+    for panel in Panel::ALL {
+        go(&mut harness, panel);
+        let nameless = harness.root().children_recursive().filter(|node| {
+            use eframe::egui::accesskit::Role;
+            let node = node.accesskit_node();
+            matches!(node.role(), Role::Button | Role::TextInput | Role::CheckBox | Role::Image)
+                && node.label().is_none_or(|label| label.is_empty())
+        });
+        assert_eq!(nameless.count(), 0, "on the panel {panel:?}");
+    }
+}
