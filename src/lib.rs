@@ -7,15 +7,15 @@
 //! 3. A [`query`] shows two segments of dreams; answers become labels, and labels a [`reward`].
 //! 4. A [`planner`] drives the real car by imagining ahead, and [`evaluation`] says how well.
 //!
-//! A [`session`] remembers all of it, a [`worker`] does each slow part, and `ui` shows them.
+//! A [`session`] remembers all of it, a [`worker`] does each slow part, and [`ui`] shows them.
 //! Data flows down this page: a module names only those before it (`tests/layering.rs`).
 //!
 //! # Modules
 //!
 //! | module | owns | invariant |
 //! |---|---|---|
-//! | [`tensor`] | rank checks, initialization, conversions | the only place that copies between Rust memory and torch |
 //! | [`env`] | physics, tracks, drawing, reward events | knows no tensor; a seed and the actions decide everything |
+//! | [`tensor`] | rank checks, initialization, conversions | the only place that copies between Rust memory and torch |
 //! | [`dataset`] | real episodes on disk: journal, sealed files, streaming reads | memory stays flat however many episodes |
 //! | [`world_model`] | VAE, MDN-RNN, their fitting | knows no window or clock; the only place that knows the order `[z \| c \| h]` |
 //! | [`query`] | segments, what can be asked and answered, labels | plain data: no tensor |
@@ -26,7 +26,7 @@
 //! | [`evaluation`] | episodes in the real world, metrics | takes a policy, returns numbers; same tracks for every method |
 //! | [`session`] | events, their log, replay; arrays and weights on disk | with [`dataset`] the only module that touches files; a session *is* its log |
 //! | [`worker`] | threads | the only module that starts one; a worker owns its models and shares nothing |
-//! | `ui` | egui, input devices, pictures | decides nothing: draws state, returns commands |
+//! | [`ui`] | egui, input devices, pictures | decides nothing: draws state, returns commands |
 //!
 //! # Shapes
 //!
@@ -48,8 +48,8 @@
 //! - **ReQueST**: Reddy et al. *Learning human objectives by evaluating hypothetical behavior.* ICML 2020.
 //! - **PEBBLE**: Lee et al. ICML 2021. · **B-Pref**: Lee et al. NeurIPS 2021.
 
-pub mod tensor;
 pub mod env;
+pub mod tensor;
 pub mod dataset;
 pub mod run;
 pub mod world_model;
@@ -61,3 +61,4 @@ pub mod simulate;
 pub mod evaluation;
 pub mod session;
 pub mod worker;
+pub mod ui;
