@@ -164,7 +164,8 @@ mod tests {
         fn advance(&mut self, _: Action) -> Outcome {
             let t = self.0;
             self.0 += 1;
-            let events = Events { new_tile: t.is_multiple_of(2), grass: t.is_multiple_of(5), ..Events::default() };
+            let events =
+                Events { new_tile: t.is_multiple_of(2), grass: t.is_multiple_of(5), ..Events::default() };
             let reward = if events.grass { -1.0 } else { 10.0 * f32::from(events.new_tile) };
             Outcome { reward, events, end: (self.0 == 10).then_some(End::TimeLimit) }
         }

@@ -100,7 +100,8 @@ fn judge(
     all: Vec<Vec<Action>>,
 ) -> Plan {
     let (n, horizon) = (all.len() as i64, config.horizon as i64);
-    let by_time: Vec<Action> = (0..config.horizon).flat_map(|t| all.iter().map(move |actions| actions[t])).collect();
+    let by_time: Vec<Action> =
+        (0..config.horizon).flat_map(|t| all.iter().map(move |actions| actions[t])).collect();
     let actions = actions_tensor(&by_time).view([horizon, n, Action::LEN as i64]);
     let mut state = state.repeated(n);
     let (mut features, mut zs) = (vec![state.features()], vec![state.z.shallow_clone()]);
@@ -118,7 +119,8 @@ fn judge(
     let zs = to_vec(&zs);
     let zs = zs.chunks_exact(width * config.horizon).map(|values| Rows { width, values: values.to_vec() });
     let imagined = all.into_iter().zip(zs).zip(&returns);
-    let candidates = imagined.map(|((actions, zs), &predicted_return)| Candidate { actions, predicted_return, zs });
+    let candidates =
+        imagined.map(|((actions, zs), &predicted_return)| Candidate { actions, predicted_return, zs });
     Plan { candidates: candidates.collect(), chosen: first_maximum(&returns) }
 }
 
@@ -166,7 +168,8 @@ mod tests {
     #[test]
     fn imagining_all_at_once_is_imagining_one_after_the_other() {
         let model = untrained(&WorldModelConfig::tiny(), &mut rng());
-        let reward = RewardEnsemble::new(36, "sha256:0", RewardConfig::tiny(), &mut rng()).in_kind(Kind::Float);
+        let reward =
+            RewardEnsemble::new(36, "sha256:0", RewardConfig::tiny(), &mut rng()).in_kind(Kind::Float);
         let config = PlannerConfig::car_racing();
         let together = plan(&model, &reward, &here(&model), &config, &mut rng());
         for one in &together.candidates {
@@ -180,7 +183,8 @@ mod tests {
     #[test]
     fn a_return_is_the_sum_of_the_rewards_along_the_way() {
         let model = untrained(&WorldModelConfig::tiny(), &mut rng());
-        let reward = RewardEnsemble::new(36, "sha256:0", RewardConfig::tiny(), &mut rng()).in_kind(Kind::Float);
+        let reward =
+            RewardEnsemble::new(36, "sha256:0", RewardConfig::tiny(), &mut rng()).in_kind(Kind::Float);
         let config = PlannerConfig { horizon: 4, ..PlannerConfig::car_racing() };
         let best = plan(&model, &reward, &here(&model), &config, &mut rng()).best().clone();
         let (mut state, mut sum) = (here(&model), 0.0);
