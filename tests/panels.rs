@@ -1,13 +1,14 @@
 //! The window without a screen: what labels and keys do, and a few pictures of it.
 
-#![expect(clippy::unwrap_used, reason = "a test that cannot be set up fails")]
+#![expect(clippy::unwrap_used, clippy::print_stderr, reason = "a test that cannot be set up fails, and one that is skipped says so")]
 
 use std::path::Path;
 use std::sync::{Arc, Mutex};
 
 use dropj::dream::DreamEpisode;
 use dropj::env::controls::Pad;
-use dropj::env::{Action, Frame};
+use dropj::env::{Action, Frame, Outcome};
+use dropj::evaluation::Tally;
 use dropj::query::{
     Preference, Protocol, QueryId, Response, SEGMENT_LEN, SafetyAnswer, SkipReason,
 };
@@ -17,7 +18,8 @@ use dropj::ui::{
     App, Crew, DreamStart, InputSource, LoadedWorld, Order, PadButton, PadEvent, Panel, Slots, Startup,
 };
 use dropj::worker::{
-    ClipperCommand, DreamerCommand, LiveView, RecorderCommand, Report, Reports, TrainerCommand,
+    CandidateView, ClipperCommand, DreamerCommand, DriveView, Learning, LiveView, RecorderCommand, Report, Reports,
+    TrainerCommand,
 };
 use dropj::world_model::{LatentState, WorldModelConfig, untrained};
 use eframe::egui::{Event, Key, Vec2, vec2};
@@ -274,7 +276,7 @@ fn a_skip_can_be_given_a_reason_and_one_undo_takes_back_both() {
 fn the_guided_questions_come_one_at_a_time() {
     let dir = tempfile::tempdir().unwrap();
     let (mut harness, _) = labeling(dir.path(), Protocol::Dropj);
-    harness.get_by_label("One question at a time").click();
+    press(&mut harness, Key::G);
     harness.run_steps(2);
     harness.get_by_label("Does the left clip stay safe?");
     press(&mut harness, Key::Y);
@@ -458,7 +460,10 @@ fn recording_uses_the_same_keys() {
     let dir = tempfile::tempdir().unwrap();
     let (mut harness, backstage) = window(dir.path(), None, vec2(1280.0, 800.0), false);
     go(&mut harness, Panel::Record);
-    for key in [Key::Enter, Key::P, Key::N] {
+    press(&mut harness, Key::Enter);
+    backstage.slots.record.put(view(10));
+    harness.run_steps(1);
+    for key in [Key::P, Key::N] {
         press(&mut harness, key);
     }
     let orders = backstage.orders();
@@ -506,4 +511,82 @@ fn controls_have_names() {
         });
         assert_eq!(nameless.count(), 0, "on the panel {panel:?}");
     }
+}
+
+/// Pictures of the panels, for the eye: `UPDATE_SNAPSHOTS=1` makes them anew.
+#[test]
+fn panels_look_as_they_did() {
+    if !has_adapter() {
+        return;
+    }
+    let dir = tempfile::tempdir().unwrap();
+    let mut results = egui_kittest::SnapshotResults::new();
+    let (mut harness, backstage) =
+        window(dir.path(), Some(session(dir.path(), Protocol::Dropj)), vec2(960.0, 640.0), true);
+    results.add(harness.try_snapshot("dream"));
+    go(&mut harness, Panel::Label);
+    for key in [Key::A, Key::ArrowRight, Key::S, Key::P] {
+        press(&mut harness, key);
+    }
+    results.add(harness.try_snapshot("label"));
+    for epoch in 0..20 {
+        backstage.report(Report::Learning(learning(epoch)));
+    }
+    go(&mut harness, Panel::Reward);
+    results.add(harness.try_snapshot("reward"));
+    let parameters = world().parameters;
+    backstage.report(Report::Learned { parameters, n_labels: 3, fit: None });
+    go(&mut harness, Panel::Deploy);
+    backstage.slots.drive.put(driving());
+    harness.run_steps(2);
+    results.add(harness.try_snapshot("deploy"));
+    for (panel, name) in [(Panel::Record, "record"), (Panel::World, "world")] {
+        go(&mut harness, panel);
+        harness.run_steps(2);
+        results.add(harness.try_snapshot(name));
+    }
+}
+
+fn learning(epoch: usize) -> Learning {
+    let loss = |member: usize| 0.7 / (1.0 + 0.1 * (epoch + member) as f32);
+    Learning {
+        epoch,
+        losses: (0..3).map(loss).collect(),
+        held_out_loss: Some(loss(4)),
+        agreement: Some(1.0 - loss(4)),
+        n_labels: epoch,
+        fit_epochs: None,
+    }
+}
+
+fn driving() -> DriveView {
+    let candidate = |i: usize| CandidateView {
+        actions: "straight 15".to_owned(),
+        predicted_return: 0.1 * i as f32,
+        frames: vec![frame(10 * i)],
+    };
+    let mut tally = Tally::default();
+    tally.add(&Outcome { reward: 10.0, ..Outcome::default() }, Some(0.004));
+    DriveView {
+        frame: frame(90),
+        picture: (4, 3, vec![120; 36].into()),
+        step: 1,
+        metrics: tally.metrics(),
+        candidates: (0..15).map(candidate).collect(),
+        chosen: 6,
+        plan_ms: 4.0,
+    }
+}
+
+/// Whether pictures can be drawn here at all; where they must be, that is an error.
+fn has_adapter() -> bool {
+    let draws = std::panic::catch_unwind(|| {
+        Harness::builder().with_size(vec2(8.0, 8.0)).wgpu().build_ui(|ui| drop(ui.label("x"))).render().is_ok()
+    });
+    let has_one = draws.unwrap_or(false);
+    assert!(has_one || std::env::var_os("REQUIRE_WGPU").is_none(), "REQUIRE_WGPU is set, but nobody can draw");
+    if !has_one {
+        eprintln!("SKIPPED: there is no graphics adapter, not even in software");
+    }
+    has_one
 }

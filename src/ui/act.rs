@@ -38,6 +38,7 @@ impl App {
             Command::ToggleHelp => self.state.help_open = !self.state.help_open,
             Command::ToggleSessions => self.toggle_sessions(),
             Command::Dismiss(id) => self.state.toasts.retain(|toast| toast.id != id),
+            Command::Restart => self.restart(),
             Command::NewSession(protocol) => self.new_session(protocol),
             Command::OpenSession(dir) => self.open_session(&dir),
             Command::RecoverDreams => self.recover(),
@@ -127,6 +128,10 @@ impl App {
         match command {
             Command::StartRecording => self.start_recording(),
             Command::PauseRecording => self.crew.send(Order::Recorder(RecorderCommand::Pause(!is_paused))),
+            // Nothing was driven, so there is nothing to keep.
+            Command::KeepRecording if self.state.record.live.as_ref().is_none_or(|live| live.step == 0) => {
+                self.act_on_recording(&Command::LeaveRecording);
+            }
             Command::KeepRecording => self.crew.send(Order::Recorder(RecorderCommand::Keep)),
             Command::RedoRecording => {
                 self.crew.send(Order::Recorder(RecorderCommand::Discard));
@@ -234,6 +239,7 @@ impl App {
             Command::Answer(response) => self.answer(response),
             Command::GuidedSafe(is_safe) => self.answer_guided(is_safe),
             Command::Guide(is_guided) => (label.is_guided, label.guided) = (is_guided, Vec::new()),
+            Command::ToggleAnswers => label.is_list_open = !label.is_list_open,
             Command::Justify(justification) => label.justification = Some(justification),
             Command::GiveReason(reason) => self.give_reason(reason),
             Command::Undo => self.undo(),
@@ -464,6 +470,15 @@ impl App {
         }
     }
 
+    fn restart(&mut self) {
+        if let Some(world) = &self.state.world.loaded {
+            self.crew.change_world(&world.parameters);
+        }
+        if let Some(store) = self.state.store.take() {
+            self.adopt(store);
+        }
+    }
+
     /// Goes on with the session in `store`, telling the workers all that is in it.
     pub(super) fn adopt(&mut self, store: SessionStore) {
         self.end_dream();
@@ -573,9 +588,10 @@ impl App {
     }
 
     fn toast(&mut self, kind: ToastKind, text: String, ways: Vec<(String, Command)>, secs: Option<f64>) {
+        let text = sentence_case(&text);
         self.state.toasts.retain(|toast| toast.text != text);
         let until = secs.map(|secs| self.state.now + secs);
-        self.state.toasts.push(Toast { id: self.next_toast, kind, text: sentence_case(&text), ways, until });
+        self.state.toasts.push(Toast { id: self.next_toast, kind, text, ways, until });
         self.next_toast += 1;
         if self.state.toasts.len() > 4 {
             self.state.toasts.remove(0);

@@ -78,6 +78,8 @@ pub enum Command {
     /// Takes a message away.
     Dismiss(u64),
 
+    /// Starts all workers anew and tells them all that is in the session.
+    Restart,
     /// Begins a new session with these questions.
     NewSession(Protocol),
     /// Opens the session in a folder.
@@ -131,6 +133,8 @@ pub enum Command {
     GuidedSafe(bool),
     /// Asks one question at a time, or all at once.
     Guide(bool),
+    /// Opens or closes the list of answers.
+    ToggleAnswers,
     /// Names the justification that the next preference rests on.
     Justify(Justification),
     /// Says why the last query was skipped.

@@ -143,7 +143,7 @@ impl Crew for Threads {
 
     fn change_world(&mut self, model: &Parameters) {
         self.forget();
-        self.dreamer = None;
+        (self.dreamer, self.recorder) = (None, None);
         self.model = Some(model.clone());
     }
 

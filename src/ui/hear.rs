@@ -16,6 +16,8 @@ use crate::ui::App;
 use crate::dream::DreamEpisode;
 use crate::worker::{ClipperCommand, DriverCommand, Report, TrainerCommand};
 
+/// How the report of a worker that has died begins.
+const PANICKED: &str = "this is a bug of ours";
 /// Frames for which a clip stands at its end before it begins again.
 const REST: f64 = 5.0;
 /// Pairs of clips that stay on the graphics card, so that undoing shows them at once.
@@ -157,24 +159,26 @@ impl App {
     }
 
     fn worker_failed(&mut self, worker: &'static str, message: &str) {
-        let mut ways = Vec::new();
+        let has_died = message.starts_with(PANICKED);
         match worker {
-            "dreamer" => (self.state.dream.is_on, self.state.dream.is_ending) = (false, false),
+            "dreamer" if has_died => (self.state.dream.is_on, self.state.dream.is_ending) = (false, false),
+            "driver" if has_died => self.state.deploy.is_on = false,
             "trainer" => self.state.reward.is_fitting = false,
-            "driver" => self.state.deploy.is_on = false,
             "recorder" => self.state.record.is_on = false,
             "modeler" => {
                 self.state.world.fit = None;
-                ways.push(("Go on".to_owned(), Command::FitWorld { resume: true }));
+                let way = vec![("Go on".to_owned(), Command::FitWorld { resume: true })];
                 if message.starts_with("stopped") {
-                    let text = "the fit is stopped and goes on from its last checkpoint when you like".to_owned();
-                    self.offer(text, ways);
-                    return;
+                    self.offer("the fit is stopped and goes on from its last checkpoint when you like".to_owned(), way);
+                } else {
+                    self.fail_with(message.to_owned(), way);
                 }
+                return;
             }
             _ => {}
         }
-        self.fail_with(message.to_owned(), ways);
+        let way = vec![("Restart".to_owned(), Command::Restart)];
+        self.fail_with(message.to_owned(), if has_died { way } else { Vec::new() });
     }
 
     pub(super) fn hear_slots(&mut self, ctx: &Context) {

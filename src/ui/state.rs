@@ -208,6 +208,8 @@ pub(crate) struct Labeling {
     pub speed: f64,
     /// Whether the questions come one at a time.
     pub is_guided: bool,
+    /// Whether the list of answers was asked for.
+    pub is_list_open: bool,
     /// What was said to the guided questions so far: whether left is safe, then right.
     pub guided: Vec<bool>,
     /// The justification that the next preference rests on.
@@ -233,6 +235,7 @@ impl Default for Labeling {
             is_standing: false,
             speed: NORMAL_SPEED,
             is_guided: false,
+            is_list_open: false,
             guided: Vec::new(),
             justification: None,
             said: None,

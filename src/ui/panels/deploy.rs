@@ -1,6 +1,9 @@
 //! The real car under the planner, and what it thought of.
 
-use eframe::egui::{Align2, Color32, CornerRadius, FontId, Key, Rect, Role, ScrollArea, Sense, Ui, WidgetInfo, vec2};
+use eframe::egui::{
+    Align, Align2, Color32, CornerRadius, FontId, Grid, Key, Layout, Rect, Role, ScrollArea, Sense, Ui, UiBuilder,
+    WidgetInfo, pos2, vec2,
+};
 
 use crate::evaluation::EpisodeMetrics;
 use crate::ui::command::{Command, Field, Panel};
@@ -8,11 +11,13 @@ use crate::ui::panels::dream::banner;
 use crate::ui::state::State;
 use crate::ui::tokens::{self, GAP};
 use crate::ui::widgets::clip::{Rim, paint_picture, picture_ui};
-use crate::ui::widgets::field::field_ui;
+use crate::ui::widgets::field::inline_field_ui;
 use crate::ui::widgets::gauge::row_ui;
 use crate::ui::widgets::keycap::{KeyButton, Tone};
-use crate::ui::widgets::layout::{heading, titled_card, with_side};
+use crate::ui::widgets::layout::{heading, titled_card};
 
+/// Width by height of the scene.
+const SHAPE: f32 = 600.0 / 480.0;
 /// Candidates in a row, as in the paper's Fig. 13.
 const N_COLUMNS: usize = 5;
 /// Rows of them.
@@ -28,34 +33,54 @@ pub(super) fn deploy_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>)
         }
         return;
     }
-    let main = |ui: &mut Ui, commands: &mut Vec<Command>| stage_ui(ui, state, commands);
-    let aside = |ui: &mut Ui, commands: &mut Vec<Command>| aside_ui(ui, state, commands);
-    with_side(ui, 260.0, commands, main, aside);
+    let all = ui.available_rect_before_wrap();
+    let left = all.width() * 0.47;
+    let columns = [
+        Rect::from_min_size(all.min, vec2(left, all.height())),
+        Rect::from_min_max(pos2(all.left() + left + 2.0 * GAP, all.top()), all.max),
+    ];
+    let column = |rect| UiBuilder::new().max_rect(rect).layout(Layout::top_down(Align::Min));
+    ui.scope_builder(column(columns[0]), |ui| car_ui(ui, state, commands));
+    ui.scope_builder(column(columns[1]), |ui| thoughts_ui(ui, state));
 }
 
-fn stage_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
+/// The real car and how it fares.
+fn car_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
     let deploy = &state.deploy;
-    let room = ui.available_size();
-    // The scene and the candidates share the height; a candidate is a square with its return below.
-    let controls = 48.0;
-    let gap = 8.0;
-    let strip = 18.0;
-    let cell = ((room.x - gap * (N_COLUMNS as f32 - 1.0)) / N_COLUMNS as f32)
-        .min(((room.y - controls) * 0.52) / N_ROWS as f32 - strip - gap)
-        .max(40.0);
-    let candidates_height = N_ROWS as f32 * (cell + strip + gap);
-    let scene = (room.y - controls - candidates_height - 2.0 * GAP - 20.0).max(120.0);
+    let width = ui.available_width().min((ui.available_height() - 240.0) * SHAPE).max(150.0);
     let label = deploy.view.as_ref().map_or("The track".to_owned(), |view| format!("The track at step {}", view.step));
     let empty = "Press Drive to let the planner take the wheel.";
-    let response = picture_ui(ui, deploy.picture.as_ref(), vec2(room.x, scene), &label, empty, Rim::Plain);
+    let response =
+        picture_ui(ui, deploy.picture.as_ref(), vec2(width, width / SHAPE), &label, empty, Rim::Plain);
     if deploy.is_on && deploy.is_paused {
         banner(ui, response.rect, "Paused");
     }
     ui.add_space(4.0);
     controls_ui(ui, state, commands);
-    ui.add_space(4.0);
-    ui.label(tokens::small(ui, "What it imagined: where each of fifteen plans would lead, and what the reward promises of it"));
+    ui.add_space(8.0);
+    titled_card(ui, "This episode", |ui| match &deploy.view {
+        Some(view) => {
+            for (name, value) in figures(&view.metrics) {
+                row_ui(ui, name, value);
+            }
+            row_ui(ui, "Latest plan", format!("{:.0} ms", view.plan_ms));
+        }
+        None => drop(ui.label(tokens::muted(ui, "Not begun."))),
+    });
+}
+
+/// What the planner imagined, and the episodes so far.
+fn thoughts_ui(ui: &mut Ui, state: &State) {
+    let gap = 8.0;
+    let strip = 18.0;
+    let room = ui.available_size();
+    let cell = ((room.x - gap * (N_COLUMNS as f32 - 1.0)) / N_COLUMNS as f32)
+        .min((room.y - 180.0) / N_ROWS as f32 - strip - gap)
+        .max(40.0);
     candidates_ui(ui, state, cell, strip, gap);
+    ui.label(tokens::small(ui, "Where each of fifteen plans would lead, and what the reward promises of it"));
+    ui.add_space(8.0);
+    titled_card(ui, "Episodes", |ui| episodes_ui(ui, state));
 }
 
 fn controls_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
@@ -67,6 +92,8 @@ fn controls_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
             if drive.is_pressed(ui) {
                 commands.push(Command::Drive);
             }
+            ui.add_space(8.0);
+            inline_field_ui(ui, state, Field::DeploySeed, "Seed of the track", commands);
             return;
         }
         let name = if deploy.is_paused { "Go on" } else { "Pause" };
@@ -119,33 +146,24 @@ fn mark(ui: &Ui, over: Rect, fill: Color32, ink: Color32) {
     ui.painter().galley(rect.min + vec2(5.0, 2.0), galley, ink);
 }
 
-fn aside_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
-    let deploy = &state.deploy;
-    titled_card(ui, "Track", |ui| {
-        ui.add_enabled_ui(!deploy.is_on, |ui| {
-            field_ui(ui, state, Field::DeploySeed, "Seed", commands);
-        });
-    });
-    titled_card(ui, "This episode", |ui| match &deploy.view {
-        Some(view) => {
-            row_ui(ui, "Step", view.step.to_string());
-            for (name, value) in figures(&view.metrics) {
-                row_ui(ui, name, value);
+fn episodes_ui(ui: &mut Ui, state: &State) {
+    let episodes = &state.deploy.episodes;
+    if episodes.is_empty() {
+        ui.label(tokens::muted(ui, "None has ended yet."));
+        return;
+    }
+    ScrollArea::vertical().id_salt("episodes").show(ui, |ui| {
+        Grid::new("episodes").num_columns(5).striped(false).spacing([18.0, 6.0]).show(ui, |ui| {
+            for name in ["Track", "Return", "New tiles", "Grass", "Steps"] {
+                ui.label(tokens::small(ui, name));
             }
-            row_ui(ui, "Last plan", format!("{:.0} ms", view.plan_ms));
-        }
-        None => drop(ui.label(tokens::muted(ui, "Not begun."))),
-    });
-    titled_card(ui, "Episodes", |ui| {
-        if deploy.episodes.is_empty() {
-            ui.label(tokens::muted(ui, "None has ended yet."));
-            return;
-        }
-        ScrollArea::vertical().id_salt("episodes").max_height(280.0).show(ui, |ui| {
-            for (seed, metrics) in deploy.episodes.iter().rev() {
-                let said: Vec<_> = figures(metrics).into_iter().map(|(name, value)| format!("{name} {value}")).collect();
-                row_ui(ui, &format!("Track {seed}"), said.first().cloned().unwrap_or_default());
-                ui.label(tokens::small(ui, said[1..].join(" · ")));
+            ui.end_row();
+            for (seed, metrics) in episodes.iter().rev() {
+                ui.label(seed.to_string());
+                for (_, value) in figures(metrics).into_iter().take(4) {
+                    ui.label(value);
+                }
+                ui.end_row();
             }
         });
     });
@@ -153,5 +171,14 @@ fn aside_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
 
 /// The figures of an episode, with their names.
 fn figures(metrics: &EpisodeMetrics) -> Vec<(&'static str, String)> {
-    vec![("Steps", metrics.n_steps.to_string())]
+    let share = |share: f32| format!("{:.0} %", 100.0 * share);
+    let mut figures = vec![
+        ("Return", format!("{:.0}", metrics.ret)),
+        ("New tiles", format!("{} of steps", share(metrics.new_tile_rate))),
+        ("On the grass", format!("{} of steps", share(metrics.grass_rate))),
+        ("Steps", metrics.n_steps.to_string()),
+    ];
+    figures.extend(metrics.chuckhole_rate.map(|rate| ("Chuckholes hit", share(rate))));
+    figures.extend(metrics.car_rate.map(|rate| ("Cars hit", share(rate))));
+    figures
 }

@@ -10,7 +10,12 @@ use crate::ui::tokens::{self, GAP, Tokens};
 use crate::ui::widgets::clip::{Rim, paint_picture, picture_ui};
 use crate::ui::widgets::gauge::{action_ui, figure_ui, row_color_ui, row_ui};
 use crate::ui::widgets::keycap::{KeyButton, Tone};
-use crate::ui::widgets::layout::{heading, titled_card, with_side};
+use crate::ui::widgets::layout::{beside_picture, heading, titled_card, with_side};
+
+/// Width by height of a dream.
+const SHAPE: f32 = 1.0;
+/// Room for what stands under the picture.
+const BELOW: f32 = 110.0;
 
 pub(super) fn dream_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
     heading(ui, "Dream", "Drive inside the world model. Drive well, and drive badly too: both are worth asking about.");
@@ -28,14 +33,14 @@ pub(super) fn dream_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) 
     }
     let main = |ui: &mut Ui, commands: &mut Vec<Command>| stage_ui(ui, state, commands);
     let aside = |ui: &mut Ui, commands: &mut Vec<Command>| aside_ui(ui, state, commands);
-    with_side(ui, 268.0, commands, main, aside);
+    let side = beside_picture(ui, SHAPE, BELOW);
+    with_side(ui, side, commands, main, aside);
 }
 
 fn stage_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
     let dream = &state.dream;
-    let below = if dream.is_on { 50.0 } else { 122.0 };
     let room = ui.available_size();
-    let side = (room.y - below).min(room.x).max(120.0);
+    let side = (room.y - BELOW).min(room.x).max(120.0);
     let live = dream.live.as_ref().filter(|_| dream.is_on);
     let thumbnail = dream.thumbnails.get(dream.start_idx).and_then(Option::as_ref);
     let picture = if dream.is_on { dream.picture.as_ref() } else { thumbnail.or(dream.picture.as_ref()) };
@@ -43,7 +48,7 @@ fn stage_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
     let empty = if dream.is_on { "Falling asleep…" } else { "" };
     let is_paused = live.is_some_and(|live| live.is_paused);
     let rim = if is_paused { Rim::Accent } else { Rim::Plain };
-    let response = picture_ui(ui, picture, vec2(room.x, side), &label, empty, rim);
+    let response = picture_ui(ui, picture, vec2(side, side), &label, empty, rim);
     if is_paused {
         banner(ui, response.rect, "Paused");
     }

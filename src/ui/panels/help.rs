@@ -29,6 +29,8 @@ const LABELING: Keys = &[
     (&[Key::Space], "skip, then 1 2 3 for why"),
     (&[Key::Backspace], "undo, without limit"),
     (&[Key::F], "flag"),
+    (&[Key::L], "list of answers"),
+    (&[Key::G], "one question at a time"),
     (&[Key::Num0], "clips from the start"),
     (&[Key::Comma, Key::Period], "frame by frame"),
     (&[Key::OpenBracket, Key::CloseBracket], "slower, faster"),

@@ -15,7 +15,6 @@ use crate::ui::state::{NORMAL_SPEED, State};
 use crate::ui::tokens::{self, CONTROL, GAP, Tokens};
 use crate::ui::widgets::clip::{Rim, picture_ui, timeline_ui};
 use crate::ui::widgets::field::field_ui;
-use crate::ui::widgets::gauge::{figure_ui, row_ui};
 use crate::ui::widgets::keycap::{KeyButton, Tone};
 use crate::ui::widgets::layout::{heading, titled_card, with_side};
 
@@ -32,9 +31,30 @@ pub(super) fn label_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) 
         }
         return;
     }
-    let main = |ui: &mut Ui, commands: &mut Vec<Command>| query_ui(ui, state, commands);
-    let aside = |ui: &mut Ui, commands: &mut Vec<Command>| aside_ui(ui, state, commands);
-    with_side(ui, 252.0, commands, main, aside);
+    if is_list_shown(ui, state) {
+        let main = |ui: &mut Ui, commands: &mut Vec<Command>| query_ui(ui, state, commands);
+        let aside = |ui: &mut Ui, commands: &mut Vec<Command>| aside_ui(ui, state, commands);
+        with_side(ui, LIST, commands, main, aside);
+    } else {
+        query_ui(ui, state, commands);
+    }
+}
+
+/// The width of the list of answers.
+const LIST: f32 = 240.0;
+/// The height of a row of answers.
+const ANSWER: f32 = CONTROL + 8.0;
+
+/// Whether the list of answers is there: where it was asked for, and where it takes nothing from the clips.
+fn is_list_shown(ui: &Ui, state: &State) -> bool {
+    let room = ui.available_size();
+    let beside = (room.x - LIST - 3.0 * GAP) / 2.0;
+    state.label.is_list_open || beside >= 0.95 * (room.y - around(state))
+}
+
+/// The room that everything but the clips takes from top to bottom.
+fn around(state: &State) -> f32 {
+    62.0 + 34.0 + rows(state) as f32 * (ANSWER + 8.0) + CONTROL + 14.0
 }
 
 /// What is asked now.
@@ -55,21 +75,15 @@ fn question(state: &State) -> &'static str {
 
 fn query_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
     let label = &state.label;
-    ui.label(tokens::title(question(state)));
-    // What was said last stays where the eye is, and its room stays where nothing was said.
-    let said = label.said.as_deref().unwrap_or(" ");
-    ui.label(tokens::muted(ui, said));
-    ui.add_space(6.0);
+    let room = ui.available_size();
+    let side = ((room.x - GAP) / 2.0).min(room.y - around(state)).max(100.0);
+    let left = ui.cursor().left() + (room.x - 2.0 * side - GAP).max(0.0) / 2.0;
+    let columns = Rect::from_min_size(pos2(left, ui.cursor().top()), vec2(2.0 * side + GAP, room.y));
     let shown = label.shown.map(|(id, _)| id);
     let pair = shown.and_then(|id| label.pairs.get(&id));
-    let n_rows = rows(state) as f32;
-    let room = ui.available_size();
-    let below = 24.0 + n_rows * (CONTROL + 14.0) + 52.0;
-    let width = (room.x - GAP) / 2.0;
-    let side = width.min(room.y - below).max(100.0);
-    let left_edge = ui.cursor().left() + (room.x - 2.0 * side - GAP).max(0.0) / 2.0;
-    let columns = Rect::from_min_size(pos2(left_edge, ui.cursor().top()), vec2(2.0 * side + GAP, room.y));
-    ui.scope_builder(UiBuilder::new().max_rect(columns).layout(Layout::top_down(Align::Min)), |ui| {
+    let layout = Layout::top_down(Align::Min);
+    ui.scope_builder(UiBuilder::new().max_rect(columns).layout(layout), |ui| {
+        head_ui(ui, state, commands);
         let frame = (label.playhead as usize).min(SEGMENT_LEN - 1);
         let [left_rim, right_rim] = rims(state);
         ui.horizontal(|ui| {
@@ -81,13 +95,67 @@ fn query_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
             picture_ui(ui, left.as_ref(), vec2(side, side), "Left clip", empty, left_rim);
             picture_ui(ui, right.as_ref(), vec2(side, side), "Right clip", empty, right_rim);
         });
-        timeline_ui(ui, frame, SEGMENT_LEN, columns.width());
-        ui.add_space(2.0);
+        playback_ui(ui, state, frame, commands);
         answers_ui(ui, state, pair.is_some(), commands);
-        ui.add_space(4.0);
         foot_ui(ui, state, shown, commands);
     });
     keys(ui, state, commands);
+}
+
+/// The question, what was said last, and how far one is.
+fn head_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
+    let label = &state.label;
+    ui.horizontal(|ui| {
+        ui.label(tokens::title(question(state)));
+        ui.with_layout(Layout::right_to_left(Align::Center), |ui| {
+            ui.spacing_mut().item_spacing.x = 8.0;
+            let tone = if label.is_list_open { Tone::Chosen } else { Tone::Quiet };
+            if KeyButton::new("Answers").key(Key::L).tone(tone).small().is_pressed(ui) {
+                commands.push(Command::ToggleAnswers);
+            }
+            if state.protocol() == Protocol::Dropj {
+                let tone = if label.is_guided { Tone::Chosen } else { Tone::Quiet };
+                if KeyButton::new("One question at a time").key(Key::G).tone(tone).small().is_pressed(ui) {
+                    commands.push(Command::Guide(!label.is_guided));
+                }
+            }
+        });
+    });
+    ui.horizontal(|ui| {
+        // What was said last stays where the eye is, and its room stays where nothing was said.
+        ui.label(tokens::muted(ui, label.said.as_deref().unwrap_or(" ")));
+        let statistics = state.session().map(|session| session.statistics()).unwrap_or_default();
+        let per_hour = statistics.labels_per_hour().filter(|_| statistics.n_answered >= 3);
+        let per_hour = per_hour.map_or_else(String::new, |n| format!(" · {n:.0} an hour"));
+        let (n_answered, n_skipped) = (statistics.n_answered, statistics.n_skipped);
+        ui.with_layout(Layout::right_to_left(Align::Center), |ui| {
+            ui.label(tokens::small(ui, format!("{n_answered} answered · {n_skipped} skipped{per_hour}")));
+        });
+    });
+    ui.add_space(4.0);
+}
+
+/// Where the clips are, and what moves them.
+fn playback_ui(ui: &mut Ui, state: &State, frame: usize, commands: &mut Vec<Command>) {
+    let label = &state.label;
+    ui.allocate_ui_with_layout(vec2(ui.available_width(), 26.0), Layout::right_to_left(Align::Center), |ui| {
+        ui.spacing_mut().item_spacing.x = 4.0;
+        let name = if label.is_standing { "Play" } else { "Pause" };
+        let speed = format!("{:.1} ×", label.speed / NORMAL_SPEED);
+        for (name, key, command) in [
+            ("Faster", Key::CloseBracket, Command::Faster(true)),
+            ("Slower", Key::OpenBracket, Command::Faster(false)),
+            ("Again", Key::Num0, Command::RestartClips),
+            (name, Key::P, Command::PauseClips),
+        ] {
+            if KeyButton::new(name).key(key).tone(Tone::Quiet).small().show(ui).clicked() {
+                commands.push(command);
+            }
+        }
+        ui.label(tokens::small(ui, speed));
+        let width = ui.available_width() - 8.0;
+        timeline_ui(ui, frame, SEGMENT_LEN, width);
+    });
 }
 
 /// How many rows of answers there are.
@@ -161,7 +229,7 @@ fn row(ui: &mut Ui, choices: &[(&str, Key, Command)], is_ready: bool, commands: 
         ui.spacing_mut().item_spacing.x = 8.0;
         let width = (ui.available_width() - 8.0 * (n - 1.0)) / n;
         for (name, key, command) in choices {
-            let button = KeyButton::new(name).key(*key).enabled(is_ready).size(vec2(width, CONTROL + 6.0));
+            let button = KeyButton::new(name).key(*key).enabled(is_ready).size(vec2(width, ANSWER));
             if button.is_pressed(ui) {
                 commands.push(command.clone());
             }
@@ -248,55 +316,10 @@ fn keys(ui: &Ui, state: &State, commands: &mut Vec<Command>) {
 }
 
 fn aside_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
-    let Some(session) = state.session() else { return };
-    let statistics = session.statistics();
-    titled_card(ui, "So far", |ui| {
-        ui.horizontal(|ui| {
-            ui.spacing_mut().item_spacing.x = 24.0;
-            figure_ui(ui, statistics.n_answered.to_string(), "answered");
-            figure_ui(ui, statistics.n_skipped.to_string(), "skipped");
-            let per_hour = statistics.labels_per_hour().filter(|_| statistics.n_answered >= 3);
-            let per_hour = per_hour.map_or("–".to_owned(), |n| format!("{n:.0}"));
-            figure_ui(ui, per_hour, "an hour");
-        });
+    titled_card(ui, "Who answers", |ui| {
+        field_ui(ui, state, Field::Annotator, "A name, kept with every answer", commands);
     });
-    titled_card(ui, "Clips", |ui| clips_ui(ui, state, commands));
     titled_card(ui, "Latest answers", |ui| latest_ui(ui, state, commands));
-}
-
-fn clips_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
-    let label = &state.label;
-    row_ui(ui, "Speed", format!("{:.1} ×", label.speed / NORMAL_SPEED));
-    row_ui(ui, "Seen", format!("{} times", label.loops));
-    ui.horizontal(|ui| {
-        ui.spacing_mut().item_spacing.x = 4.0;
-        let name = if label.is_standing { "Play" } else { "Pause" };
-        let small = |name, key| KeyButton::new(name).key(key).tone(Tone::Quiet);
-        if small(name, Key::P).show(ui).clicked() {
-            commands.push(Command::PauseClips);
-        }
-        if small("Again", Key::Num0).show(ui).clicked() {
-            commands.push(Command::RestartClips);
-        }
-    });
-    ui.horizontal(|ui| {
-        ui.spacing_mut().item_spacing.x = 4.0;
-        for (name, key, command) in [
-            ("Slower", Key::OpenBracket, Command::Faster(false)),
-            ("Faster", Key::CloseBracket, Command::Faster(true)),
-        ] {
-            if KeyButton::new(name).key(key).tone(Tone::Quiet).show(ui).clicked() {
-                commands.push(command);
-            }
-        }
-    });
-    if state.protocol() == Protocol::Dropj {
-        let mut is_guided = label.is_guided;
-        if ui.checkbox(&mut is_guided, "One question at a time").changed() {
-            commands.push(Command::Guide(is_guided));
-        }
-    }
-    field_ui(ui, state, Field::Annotator, "Who answers", commands);
 }
 
 fn latest_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
@@ -307,7 +330,7 @@ fn latest_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
         return;
     }
     let weights = session.weights();
-    ScrollArea::vertical().id_salt("answers").max_height(260.0).show(ui, |ui| {
+    ScrollArea::vertical().id_salt("answers").max_height((ui.available_height() - 20.0).max(200.0)).show(ui, |ui| {
         ui.spacing_mut().item_spacing.y = 2.0;
         for given in answers.iter().rev().take(50) {
             let answer = &given.answer;

@@ -11,14 +11,20 @@ use crate::ui::widgets::clip::{Rim, picture_ui};
 use crate::ui::widgets::field::{field_ui, path_ui};
 use crate::ui::widgets::gauge::{action_ui, figure_ui, row_color_ui, row_ui};
 use crate::ui::widgets::keycap::{KeyButton, Tone};
-use crate::ui::widgets::layout::{heading, titled_card, with_side};
+use crate::ui::widgets::layout::{beside_picture, heading, titled_card, with_side};
+
+/// Width by height of the scene.
+const SHAPE: f32 = 600.0 / 480.0;
+/// Room for what stands under the picture.
+const BELOW: f32 = 50.0;
 
 pub(super) fn record_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
     let about = "Drive the real car and keep what you drove. A world model is shipped already: record only for one of your own.";
     heading(ui, "Record", about);
     let main = |ui: &mut Ui, commands: &mut Vec<Command>| stage_ui(ui, state, commands);
     let aside = |ui: &mut Ui, commands: &mut Vec<Command>| aside_ui(ui, state, commands);
-    with_side(ui, 268.0, commands, main, aside);
+    let side = beside_picture(ui, SHAPE, BELOW);
+    with_side(ui, side, commands, main, aside);
 }
 
 fn stage_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
@@ -26,12 +32,12 @@ fn stage_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
     let live = record.live.as_ref().filter(|_| record.is_on);
     let is_paused = live.is_some_and(|live| live.is_paused);
     let room = ui.available_size();
-    let side = (room.y - 50.0).min(room.x).max(120.0);
+    let width = room.x.min((room.y - BELOW) * SHAPE).max(150.0);
     let label = live.map_or("The track".to_owned(), |live| format!("The track at step {}", live.step));
     let empty = if record.is_on { "Drawing the track…" } else { "Press Record, then drive with the arrows, WASD or a gamepad." };
     let rim = if is_paused { Rim::Accent } else { Rim::Plain };
     let picture = record.picture.as_ref().filter(|_| live.is_some());
-    let response = picture_ui(ui, picture, vec2(room.x, side), &label, empty, rim);
+    let response = picture_ui(ui, picture, vec2(width, width / SHAPE), &label, empty, rim);
     if is_paused {
         banner(ui, response.rect, "Paused");
     }

@@ -1,6 +1,7 @@
 //! How well the reward is learned, as far as it was measured.
 
 use eframe::egui::{Color32, CornerRadius, Rect, Role, Sense, Ui, WidgetInfo, vec2};
+use egui_plot::Corner;
 
 use crate::ui::act::counted;
 use crate::ui::command::{Command, Panel};
@@ -39,17 +40,17 @@ fn curves(ui: &mut Ui, state: &State) {
         let names = ["member 1", "member 2", "member 3"];
         let curves = names.iter().zip(&reward.losses).zip(tokens.lines);
         let curves: Vec<_> = curves.map(|((name, points), color)| Curve { name, points, color }).collect();
-        curves_ui(ui, "Cross-entropy of each member", &curves, None, height);
+        curves_ui(ui, "Cross-entropy of each member", &curves, None, Corner::RightTop, height);
     });
     ui.columns(2, |columns| {
         card(&mut columns[0], |ui| {
             let curve = Curve { name: "before learning", points: &reward.held_out, color: tokens.lines[0] };
             let level = Some(("knowing nothing", std::f64::consts::LN_2));
-            curves_ui(ui, "Log-loss on answers not yet learned", &[curve], level, height);
+            curves_ui(ui, "Log-loss on answers not yet learned", &[curve], level, Corner::LeftBottom, height);
         });
         card(&mut columns[1], |ui| {
             let curve = Curve { name: "foretold", points: &reward.agreement, color: tokens.lines[1] };
-            curves_ui(ui, "Answers foretold, by number of answers", &[curve], Some(("chance", 0.5)), height);
+            curves_ui(ui, "Answers foretold, by number of answers", &[curve], Some(("chance", 0.5)), Corner::RightBottom, height);
         });
     });
 }

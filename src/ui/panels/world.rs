@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use eframe::egui::{RichText, ScrollArea, Ui};
+use egui_plot::Corner;
 
 use crate::ui::command::{Command, Field};
 use crate::ui::state::{FitState, State};
@@ -128,7 +129,7 @@ fn fitting_ui(ui: &mut Ui, fit: &FitState, now: f64) {
         Curve { name: "training", points: &fit.loss, color: tokens.lines[0] },
         Curve { name: "held out", points: &fit.held_out, color: tokens.lines[1] },
     ];
-    curves_ui(ui, "Loss by epoch", &curves, None, 180.0);
+    curves_ui(ui, "Loss by epoch", &curves, None, Corner::RightTop, 180.0);
 }
 
 /// `2 h 5 min`.

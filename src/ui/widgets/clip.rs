@@ -2,7 +2,7 @@
 
 use eframe::egui::{
     Align2, Color32, ColorImage, Context, CornerRadius, FontId, Rect, Response, Role, Sense, Stroke, StrokeKind,
-    TextureHandle, TextureOptions, Ui, Vec2, WidgetInfo, pos2, vec2,
+    TextureHandle, TextureOptions, Ui, Vec2, WidgetInfo, epaint::RectShape, pos2, vec2,
 };
 
 use crate::env::Frame;
@@ -85,7 +85,9 @@ pub(crate) fn paint_picture(ui: &Ui, picture: Option<&TextureHandle>, rect: Rect
             let scale = (rect.width() / shape.x).min(rect.height() / shape.y);
             let inner = Rect::from_center_size(rect.center(), shape * scale);
             let uv = Rect::from_min_max(pos2(0.0, 0.0), pos2(1.0, 1.0));
-            painter.image(picture.id(), inner, uv, Color32::WHITE);
+            let is_whole = (inner.size() - rect.size()).abs().max_elem() < 1.0;
+            let corner = if is_whole { corner } else { CornerRadius::ZERO };
+            painter.add(RectShape::filled(inner, corner, Color32::WHITE).with_texture(picture.id(), uv));
         }
         None => {
             painter.rect_filled(rect, corner, tokens.stage);

@@ -1,7 +1,7 @@
 //! Curves over time.
 
 use eframe::egui::{Color32, FontId, RichText, Ui, Vec2b};
-use egui_plot::{HLine, Legend, Line, Plot, PlotPoints};
+use egui_plot::{Corner, HLine, Legend, Line, Plot, PlotPoints};
 
 use crate::ui::tokens::{self, Tokens};
 
@@ -17,7 +17,16 @@ pub(crate) struct Curve<'a> {
 }
 
 /// Curves under a heading; `level` is drawn as a quiet line to compare with.
-pub(crate) fn curves_ui(ui: &mut Ui, heading: &str, curves: &[Curve<'_>], level: Option<(&str, f64)>, height: f32) {
+///
+/// The names stand in the `corner` where the curves are not.
+pub(crate) fn curves_ui(
+    ui: &mut Ui,
+    heading: &str,
+    curves: &[Curve<'_>],
+    level: Option<(&str, f64)>,
+    corner: Corner,
+    height: f32,
+) {
     let tokens = Tokens::of(ui);
     ui.label(RichText::new(heading).color(tokens.muted));
     if curves.iter().all(|curve| curve.points.len() < 2) {
@@ -27,7 +36,7 @@ pub(crate) fn curves_ui(ui: &mut Ui, heading: &str, curves: &[Curve<'_>], level:
         });
         return;
     }
-    let legend = Legend::default().background_alpha(0.0).text_style(eframe::egui::TextStyle::Small);
+    let legend = Legend::default().position(corner).background_alpha(0.0).text_style(eframe::egui::TextStyle::Small);
     let mut plot = Plot::new(heading)
         .height(height)
         .show_background(false)
@@ -37,12 +46,14 @@ pub(crate) fn curves_ui(ui: &mut Ui, heading: &str, curves: &[Curve<'_>], level:
         .allow_boxed_zoom(false)
         .auto_bounds(Vec2b::TRUE)
         .include_y(0.0)
+        .grid_color(tokens.border)
         .show_x(false);
     if curves.len() > 1 || level.is_some() {
         plot = plot.legend(legend);
     }
     ui.scope(|ui| {
         ui.style_mut().text_styles.insert(eframe::egui::TextStyle::Body, FontId::proportional(12.0));
+        ui.visuals_mut().override_text_color = Some(tokens.muted);
         plot.show(ui, |plot| {
             if let Some((name, y)) = level {
                 plot.hline(HLine::new(name, y).color(tokens.faint).width(1.0));

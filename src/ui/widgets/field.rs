@@ -14,6 +14,12 @@ pub(crate) fn field_ui(ui: &mut Ui, state: &State, field: Field, name: &str, com
     edit_ui(ui, state, field, width, label.id, commands);
 }
 
+/// A short field after its name.
+pub(crate) fn inline_field_ui(ui: &mut Ui, state: &State, field: Field, name: &str, commands: &mut Vec<Command>) {
+    let label = ui.label(tokens::small(ui, name));
+    edit_ui(ui, state, field, 64.0, label.id, commands);
+}
+
 /// A path under its name, with a dialog to choose it in.
 pub(crate) fn path_ui(ui: &mut Ui, state: &State, field: Field, name: &str, commands: &mut Vec<Command>) {
     let label = ui.label(tokens::small(ui, name));

@@ -29,12 +29,13 @@ pub(crate) struct KeyButton<'a> {
     key: Option<Key>,
     tone: Tone,
     is_enabled: bool,
+    is_small: bool,
     size: Vec2,
 }
 
 impl<'a> KeyButton<'a> {
     pub(crate) fn new(label: &'a str) -> Self {
-        Self { label, key: None, tone: Tone::Plain, is_enabled: true, size: vec2(0.0, CONTROL) }
+        Self { label, key: None, tone: Tone::Plain, is_enabled: true, is_small: false, size: vec2(0.0, CONTROL) }
     }
 
     /// The key that presses it.
@@ -50,6 +51,12 @@ impl<'a> KeyButton<'a> {
 
     pub(crate) fn enabled(mut self, is_enabled: bool) -> Self {
         self.is_enabled = is_enabled;
+        self
+    }
+
+    /// Small, for what is used now and then.
+    pub(crate) fn small(mut self) -> Self {
+        (self.is_small, self.size.y) = (true, 26.0);
         self
     }
 
@@ -74,7 +81,7 @@ impl<'a> KeyButton<'a> {
     /// Draws it.
     pub(crate) fn show(self, ui: &mut Ui) -> Response {
         let tokens = Tokens::of(ui);
-        let font = FontId::proportional(14.5);
+        let font = FontId::proportional(if self.is_small { 13.0 } else { 14.5 });
         let color = match (self.is_enabled, self.tone) {
             (false, _) => tokens.faint,
             (true, Tone::Primary) => tokens.on_accent,
@@ -82,9 +89,9 @@ impl<'a> KeyButton<'a> {
             (true, Tone::Plain | Tone::Chosen) => tokens.text,
         };
         let galley = ui.painter().layout_no_wrap(self.label.to_owned(), font, color);
-        let cap_width = self.key.map_or(0.0, |key| cap_size(ui.painter(), key).x + 12.0);
-        let padding = 13.0;
-        let wanted = vec2(galley.size().x + cap_width + 2.0 * padding, CONTROL).max(self.size);
+        let (gap, padding) = if self.is_small { (6.0, 7.0) } else { (12.0, 13.0) };
+        let cap_width = self.key.map_or(0.0, |key| cap_size(ui.painter(), key).x + gap);
+        let wanted = vec2(galley.size().x + cap_width + 2.0 * padding, 0.0).max(self.size);
         let sense = if self.is_enabled { Sense::click() } else { Sense::hover() };
         let (rect, response) = ui.allocate_exact_size(wanted, sense);
         let is_enabled = self.is_enabled && ui.is_enabled();
@@ -110,21 +117,13 @@ impl<'a> KeyButton<'a> {
             let around = rect.expand(2.0);
             ui.painter().rect_stroke(around, CornerRadius::same(8), Stroke::new(1.5, tokens.accent), StrokeKind::Inside);
         }
-        // With a key the label stands left and the cap right; alone, or where there is much room, in the middle.
-        let content = galley.size().x + cap_width;
-        let left = if self.key.is_some() && rect.width() < content + 90.0 {
-            rect.left() + padding
-        } else {
-            rect.center().x - content / 2.0
-        };
+        let left = rect.center().x - (galley.size().x + cap_width) / 2.0;
         let text_at = pos2(left, rect.center().y - galley.size().y / 2.0);
-        let after = left + galley.size().x + 12.0;
+        let after = left + galley.size().x + gap;
         ui.painter().galley(text_at, galley, color);
         if let Some(key) = self.key {
             let size = cap_size(ui.painter(), key);
-            let right = rect.right() - padding + 3.0 - size.x;
-            let x = if rect.width() < content + 90.0 { right } else { after };
-            let cap = Rect::from_min_size(pos2(x, rect.center().y - size.y / 2.0), size);
+            let cap = Rect::from_min_size(pos2(after, rect.center().y - size.y / 2.0), size);
             paint_cap(ui.painter(), cap, key, color);
         }
         response

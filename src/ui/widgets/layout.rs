@@ -14,6 +14,7 @@ pub(crate) fn card<R>(ui: &mut Ui, contents: impl FnOnce(&mut Ui) -> R) -> R {
         .inner_margin(Margin::same(16));
     let shown = frame.show(ui, |ui| {
         ui.set_width(ui.available_width());
+        ui.spacing_mut().item_spacing.y = 6.0;
         contents(ui)
     });
     shown.inner
@@ -34,6 +35,12 @@ pub(crate) fn heading(ui: &mut Ui, title: &str, sentence: &str) {
     ui.add_space(-2.0);
     ui.label(tokens::muted(ui, sentence));
     ui.add_space(GAP);
+}
+
+/// How wide the column beside a picture may be, whose width by height is `shape`, with `below` points under it.
+pub(crate) fn beside_picture(ui: &Ui, shape: f32, below: f32) -> f32 {
+    let room = ui.available_size();
+    (room.x - (room.y - below) * shape - 2.0 * GAP).clamp(268.0, 460.0)
 }
 
 /// A wide column, and a column of `side` points at its right, each as high as there is room.
