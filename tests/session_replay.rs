@@ -1,0 +1,23 @@
+//! The session that is shipped as an example replays to the state it was recorded in, and its rewards can be learned again.
+
+#![expect(clippy::unwrap_used, reason = "a failing test may panic")]
+
+use std::path::Path;
+
+use dropj::session::{SessionStore, replay};
+
+#[test]
+fn the_example_replays_and_its_rewards_are_learned_again() {
+    tch::set_num_threads(1);
+    let dir = Path::new(env!("CARGO_MANIFEST_DIR")).join("sessions/example");
+    let model = SessionStore::read_world_model(&dir).unwrap();
+    let replayed = replay(&dir, &model).unwrap();
+    let statistics = replayed.session.statistics();
+    assert!(statistics.n_answered > 0 && statistics.n_skipped > 0, "answers and a skip are in it: {statistics:?}");
+    assert!(!replayed.clips.is_empty(), "its clips decode");
+    assert!(!replayed.fits.is_empty(), "a fit is in it");
+    for fit in &replayed.fits {
+        let losses = replayed.refit(&model, fit).unwrap();
+        assert!(fit.agrees(&losses), "{:?} when recorded, {losses:?} now", fit.fitted.fit.losses);
+    }
+}
