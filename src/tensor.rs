@@ -169,7 +169,8 @@ impl Parameters {
         let Ok((_, header)) = SafeTensors::read_metadata(&self.0) else { return self.clone() };
         let metadata = header.metadata().clone().unwrap_or_default();
         let metadata: Vec<_> = metadata.iter().map(|(key, value)| (key.as_str(), value.clone())).collect();
-        let own = header.offset_keys().into_iter().filter_map(|name| Some((name.clone(), self.tensor(&name)?)));
+        let own =
+            header.offset_keys().into_iter().filter_map(|name| Some((name.clone(), self.tensor(&name)?)));
         Self::from_tensors(own.chain(others), &metadata)
     }
 
@@ -226,7 +227,8 @@ mod tests {
     fn parameters_survive_the_way_to_bytes_and_back() {
         let store = |seed| {
             let store = nn::VarStore::new(tch::Device::Cpu);
-            store.root().var_copy("w", &uniform(&mut ChaCha8Rng::seed_from_u64(seed), &[3, 2], 1.0));
+            let values = uniform(&mut ChaCha8Rng::seed_from_u64(seed), &[3, 2], 1.0);
+            let _ = store.root().var_copy("w", &values);
             store
         };
         let (from, to) = (store(1), store(2));

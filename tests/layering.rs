@@ -195,10 +195,10 @@ fn comment_len(text: &str) -> Option<usize> {
 
 /// The length of the string or character that `text` starts with, after `code`.
 fn quote_len(text: &str, code: &str) -> Option<usize> {
-    if text.starts_with('\'') {
-        let second = text[1..].chars().next()?;
+    if let Some(rest) = text.strip_prefix('\'') {
+        let second = rest.chars().next()?;
         let escaped = usize::from(second == '\\');
-        let body = 1 + escaped + text[1 + escaped..].chars().next()?.len_utf8();
+        let body = 1 + escaped + rest[escaped..].chars().next()?.len_utf8();
         // A lifetime has no second quote; `'\u{1F600}'` has one further on.
         return match text[body..].find('\'') {
             Some(0) => Some(body + 1),

@@ -1,6 +1,10 @@
 //! The window without a screen: what labels and keys do, and a few pictures of it.
 
-#![expect(clippy::unwrap_used, clippy::print_stderr, reason = "a test that cannot be set up fails, and one that is skipped says so")]
+#![expect(
+    clippy::unwrap_used,
+    clippy::print_stderr,
+    reason = "a test that cannot be set up fails, and one that is skipped says so"
+)]
 
 use std::path::Path;
 use std::sync::{Arc, Mutex};
@@ -9,17 +13,15 @@ use dropj::dream::DreamEpisode;
 use dropj::env::controls::Pad;
 use dropj::env::{Action, Frame, Outcome};
 use dropj::evaluation::Tally;
-use dropj::query::{
-    Preference, Protocol, QueryId, Response, SEGMENT_LEN, SafetyAnswer, SkipReason,
-};
+use dropj::query::{Preference, Protocol, QueryId, Response, SEGMENT_LEN, SafetyAnswer, SkipReason};
 use dropj::session::{DreamSource, Header, SessionStore};
 use dropj::tensor::Parameters;
 use dropj::ui::{
     App, Crew, DreamStart, InputSource, LoadedWorld, Order, PadButton, PadEvent, Panel, Slots, Startup,
 };
 use dropj::worker::{
-    CandidateView, ClipperCommand, DreamerCommand, DriveView, Learning, LiveView, RecorderCommand, Report, Reports,
-    TrainerCommand,
+    CandidateView, ClipperCommand, DreamerCommand, DriveView, Learning, LiveView, RecorderCommand, Report,
+    Reports, TrainerCommand,
 };
 use dropj::world_model::{LatentState, WorldModelConfig, untrained};
 use eframe::egui::{Event, Key, Vec2, vec2};
@@ -123,7 +125,12 @@ fn session(dir: &Path, protocol: Protocol) -> SessionStore {
     store
 }
 
-fn window(dir: &Path, session: Option<SessionStore>, size: Vec2, picture: bool) -> (Harness<'static, App>, Backstage) {
+fn window(
+    dir: &Path,
+    session: Option<SessionStore>,
+    size: Vec2,
+    picture: bool,
+) -> (Harness<'static, App>, Backstage) {
     let backstage = Backstage::default();
     let crew = backstage.clone();
     let startup = Startup {
@@ -254,7 +261,10 @@ fn undo_has_no_limit_and_shows_the_query_again() {
     }
     assert_eq!(answers(&harness), [], "all are taken back");
     assert!(
-        backstage.orders().iter().any(|order| matches!(order, Order::Trainer(TrainerCommand::Forget(QueryId(0))))),
+        backstage
+            .orders()
+            .iter()
+            .any(|order| matches!(order, Order::Trainer(TrainerCommand::Forget(QueryId(0))))),
         "the trainer forgets the first answer",
     );
     press(&mut harness, Key::D);
@@ -408,7 +418,8 @@ fn a_dream_is_kept_with_one_key_and_redone_with_another() {
     let (mut harness, backstage) = dreaming(dir.path());
     press(&mut harness, Key::R);
     let orders = backstage.orders();
-    let [Order::Dreamer(DreamerCommand::Discard), Order::Dreamer(DreamerCommand::Start { journal, .. })] = &orders[..]
+    let [Order::Dreamer(DreamerCommand::Discard), Order::Dreamer(DreamerCommand::Start { journal, .. })] =
+        &orders[..]
     else {
         panic!("{orders:?}")
     };
@@ -439,7 +450,10 @@ fn leaving_the_panel_pauses_the_dream() {
     backstage.slots.dream.put(view(10));
     harness.run_steps(1);
     go(&mut harness, Panel::Reward);
-    assert!(matches!(backstage.orders()[..], [Order::Dreamer(DreamerCommand::Pause(true))]), "nobody drives unseen");
+    assert!(
+        matches!(backstage.orders()[..], [Order::Dreamer(DreamerCommand::Pause(true))]),
+        "nobody drives unseen"
+    );
 }
 
 fn view(step: usize) -> LiveView {
@@ -581,10 +595,18 @@ fn driving() -> DriveView {
 /// Whether pictures can be drawn here at all; where they must be, that is an error.
 fn has_adapter() -> bool {
     let draws = std::panic::catch_unwind(|| {
-        Harness::builder().with_size(vec2(8.0, 8.0)).wgpu().build_ui(|ui| drop(ui.label("x"))).render().is_ok()
+        Harness::builder()
+            .with_size(vec2(8.0, 8.0))
+            .wgpu()
+            .build_ui(|ui| drop(ui.label("x")))
+            .render()
+            .is_ok()
     });
     let has_one = draws.unwrap_or(false);
-    assert!(has_one || std::env::var_os("REQUIRE_WGPU").is_none(), "REQUIRE_WGPU is set, but nobody can draw");
+    assert!(
+        has_one || std::env::var_os("REQUIRE_WGPU").is_none(),
+        "REQUIRE_WGPU is set, but nobody can draw"
+    );
     if !has_one {
         eprintln!("SKIPPED: there is no graphics adapter, not even in software");
     }

@@ -67,7 +67,14 @@ fn a_car_that_learned_from_answers_stays_on_the_road_better_than_one_that_did_no
     let lens: Vec<_> = (0..).zip(&dreams).map(|(i, dream)| (DreamId(i), dream.len())).collect();
     let features: Vec<_> = dreams.iter().map(|dream| dream.features(&model)).collect();
     let reward_config = RewardConfig::tiny();
-    let fresh = || RewardEnsemble::new(config.n_features(), &model.hash(), reward_config.clone(), &mut ChaCha8Rng::seed_from_u64(1));
+    let fresh = || {
+        RewardEnsemble::new(
+            config.n_features(),
+            &model.hash(),
+            reward_config.clone(),
+            &mut ChaCha8Rng::seed_from_u64(1),
+        )
+    };
     let mut trainer = Trainer::new(fresh());
     for query in sample_queries(&lens, 150, QueryId(0), rng) {
         let clip = |s: SegmentRef| dreams[s.dream.0 as usize].frames(&model, s.start..s.start + SEGMENT_LEN);
@@ -87,7 +94,8 @@ fn a_car_that_learned_from_answers_stays_on_the_road_better_than_one_that_did_no
             let agent = Agent::new(planner.clone(), seed);
             let mut policy = PlanningPolicy::new(&model, reward, agent);
             let seed = Seed::Native(seed);
-            evaluate_episode(&mut DummyRoad::default(), seed, &mut policy, |_, _| ControlFlow::Continue(())).grass_rate
+            evaluate_episode(&mut DummyRoad::default(), seed, &mut policy, |_, _| ControlFlow::Continue(()))
+                .grass_rate
         });
         rates.sum::<f32>() / 4.0
     };

@@ -13,7 +13,10 @@ fn the_example_replays_and_its_rewards_are_learned_again() {
     let model = SessionStore::read_world_model(&dir).unwrap();
     let replayed = replay(&dir, &model).unwrap();
     let statistics = replayed.session.statistics();
-    assert!(statistics.n_answered > 0 && statistics.n_skipped > 0, "answers and a skip are in it: {statistics:?}");
+    assert!(
+        statistics.n_answered > 0 && statistics.n_skipped > 0,
+        "answers and a skip are in it: {statistics:?}"
+    );
     assert!(!replayed.clips.is_empty(), "its clips decode");
     assert!(!replayed.fits.is_empty(), "a fit is in it");
     for fit in &replayed.fits {

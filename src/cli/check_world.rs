@@ -48,7 +48,8 @@ fn draw(stretches: &[Stretch]) -> image::RgbImage {
     const GAP: u32 = 4;
     let side = stretches.first().map_or(1, |stretch| stretch.real[0].side());
     let (n_columns, n_rows) = ((HORIZON / 5 + 1) as u32, 3 * stretches.len() as u32);
-    let (width, height) = (n_columns * (side + GAP) + GAP, n_rows * (side + GAP) + GAP * (1 + stretches.len() as u32));
+    let (width, height) =
+        (n_columns * (side + GAP) + GAP, n_rows * (side + GAP) + GAP * (1 + stretches.len() as u32));
     let mut picture = image::RgbImage::from_pixel(width, height, image::Rgb([255; 3]));
     let rows = stretches.iter().flat_map(|s| [&s.real, &s.reconstructed, &s.dreamed]);
     for (row, frames) in (0..).zip(rows) {

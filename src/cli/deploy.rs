@@ -54,17 +54,14 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
         (None, Some(store)) => store.world_model()?,
         (None, None) => models::world_model(&models::world_model_asset(options.env))?,
     };
-    let reward = match &store {
-        Some(store) => {
-            let parameters = store.reward()?.with_context(|| {
-                format!("the session {:?} has no reward yet; fit one in the window or with `dropj fit`", store.dir())
-            })?;
-            RewardEnsemble::load(&parameters)?
-        }
-        None => {
-            let rng = &mut ChaCha8Rng::seed_from_u64(options.random_reward.unwrap_or(0));
-            RewardEnsemble::new(model.config().n_features(), &model.hash(), RewardConfig::car_racing(), rng)
-        }
+    let reward = if let Some(store) = &store {
+        let parameters = store.reward()?.with_context(|| {
+            format!("the session {:?} has no reward yet: fit one in the window", store.dir())
+        })?;
+        RewardEnsemble::load(&parameters)?
+    } else {
+        let rng = &mut ChaCha8Rng::seed_from_u64(options.random_reward.unwrap_or(0));
+        RewardEnsemble::new(model.config().n_features(), &model.hash(), RewardConfig::car_racing(), rng)
     };
     reward.require(&model.hash())?;
 

@@ -61,7 +61,8 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
 }
 
 fn say(progress: &Progress, elapsed: Duration) {
-    let Progress { stage, epoch, max_epochs, done, n, items, loss, held_out, learning_rate, is_best } = progress;
+    let Progress { stage, epoch, max_epochs, done, n, items, loss, held_out, learning_rate, is_best } =
+        progress;
     let rate = (done * items) as f64 / elapsed.as_secs_f64();
     let left = (max_epochs - epoch) * n - if held_out.is_some() { 0 } else { *done };
     let eta_mins = elapsed.as_secs_f64() / (*done).max(1) as f64 * left as f64 / 60.0;

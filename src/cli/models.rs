@@ -22,8 +22,9 @@ pub(crate) fn world_model_asset(env: EnvName) -> PathBuf {
 
 /// The world model in `path`.
 pub(crate) fn world_model(path: &Path) -> anyhow::Result<WorldModel> {
-    let parameters = read_parameters(path)
-        .context("there is no usable world model; give one with --world, or train one with `dropj fit-world`")?;
+    let parameters = read_parameters(path).context(
+        "there is no usable world model; give one with --world, or train one with `dropj fit-world`",
+    )?;
     WorldModel::load(parameters).with_context(|| format!("in the file {path:?}"))
 }
 

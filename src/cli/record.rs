@@ -45,20 +45,26 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
     let mut dataset = Dataset::create_or_open(&options.out, options.env.name())?;
     let started = Instant::now();
     let (mut n_steps, mut n_grass, mut n_episodes) = (0, 0, 0);
-    record(&mut *env, &mut dataset, options.first..options.first + options.episodes, options.seed, |recorded| {
-        n_steps += recorded.n_steps;
-        n_grass += recorded.n_grass;
-        n_episodes += 1;
-        let rate = n_steps as f64 / started.elapsed().as_secs_f64();
-        eprintln!(
-            "episode {}: {} steps, return {:.0}, {:.0} % grass ({rate:.0} steps/s)",
-            recorded.k,
-            recorded.n_steps,
-            recorded.ret,
-            100.0 * recorded.n_grass as f64 / recorded.n_steps as f64
-        );
-        ControlFlow::Continue(())
-    })?;
+    record(
+        &mut *env,
+        &mut dataset,
+        options.first..options.first + options.episodes,
+        options.seed,
+        |recorded| {
+            n_steps += recorded.n_steps;
+            n_grass += recorded.n_grass;
+            n_episodes += 1;
+            let rate = n_steps as f64 / started.elapsed().as_secs_f64();
+            eprintln!(
+                "episode {}: {} steps, return {:.0}, {:.0} % grass ({rate:.0} steps/s)",
+                recorded.k,
+                recorded.n_steps,
+                recorded.ret,
+                100.0 * recorded.n_grass as f64 / recorded.n_steps as f64
+            );
+            ControlFlow::Continue(())
+        },
+    )?;
     println!(
         "{n_episodes} episodes of {n_steps} steps recorded, {:.1} % of them on the grass; {} in all in {:?}",
         100.0 * f64::from(n_grass as u32) / f64::from((n_steps as u32).max(1)),

@@ -112,7 +112,10 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
         seed: options.seed,
         annotator: options.knobs.annotator(),
     };
-    anyhow::ensure!(!model.starts().is_empty(), "the world model {world:?} has no states to start dreams from");
+    anyhow::ensure!(
+        !model.starts().is_empty(),
+        "the world model {world:?} has no states to start dreams from"
+    );
     let started = Instant::now();
     let mut said = Instant::now();
     let simulated = simulate(&model, &probe, &config, model.starts(), &mut |progress| {
@@ -132,7 +135,8 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
     }
     for answered in &simulated.answers {
         let query = answered.query;
-        let asked = Event::Asked { query: query.id, left: query.left, right: query.right, choice: Choice::Uniform };
+        let asked =
+            Event::Asked { query: query.id, left: query.left, right: query.right, choice: Choice::Uniform };
         store.record(asked)?;
         let answer = Answer::new(answered.query.id, answered.response, 0.0, "simulated");
         store.record(Event::Answered(answer))?;

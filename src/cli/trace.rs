@@ -44,13 +44,16 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
     let aids = if options.aids == Switch::On { Aids::ALL } else { Aids::NONE };
     let mut env: Box<dyn Traced> = match options.env {
         EnvName::CarRacing => Box::new(CarRacing::new(seed)),
-        EnvName::ObstacleCarRacing => Box::new(ObstacleCarRacing::new(seed, Obstacles::ChuckholesAndCars, aids)),
+        EnvName::ObstacleCarRacing => {
+            Box::new(ObstacleCarRacing::new(seed, Obstacles::ChuckholesAndCars, aids))
+        }
         EnvName::ObstacleCarRacingChuckholes => {
             Box::new(ObstacleCarRacing::new(seed, Obstacles::Chuckholes, aids))
         }
     };
     if let Some(dir) = &options.frames {
-        std::fs::create_dir_all(dir).with_context(|| format!("cannot make the folder of pictures {dir:?}"))?;
+        std::fs::create_dir_all(dir)
+            .with_context(|| format!("cannot make the folder of pictures {dir:?}"))?;
     }
     let mut failed = None;
     let rows = trace(&mut *env, seed, &actions, |step, env| {

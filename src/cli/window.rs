@@ -78,5 +78,11 @@ fn load(path: &Path) -> Result<LoadedWorld, String> {
         state: state.clone(),
     });
     let starts = starts.collect();
-    Ok(LoadedWorld { name, path: Some(path.to_owned()), parameters: model.parameters().clone(), card, starts })
+    Ok(LoadedWorld {
+        name,
+        path: Some(path.to_owned()),
+        parameters: model.parameters().clone(),
+        card,
+        starts,
+    })
 }

@@ -51,7 +51,8 @@ impl Justifications {
     pub fn new<S: Into<String>>(
         named: impl IntoIterator<Item = (S, f32)>,
     ) -> Result<Self, JustificationError> {
-        let named: Vec<(String, f32)> = named.into_iter().map(|(name, weight)| (name.into(), weight)).collect();
+        let named: Vec<(String, f32)> =
+            named.into_iter().map(|(name, weight)| (name.into(), weight)).collect();
         if named.is_empty() {
             return Err(JustificationError::Empty);
         }
@@ -77,9 +78,7 @@ impl Justifications {
     /// The justification of this name.
     pub fn named(&self, name: &str) -> Result<Justification, JustificationError> {
         let place = self.0.iter().position(|(other, _)| other == name);
-        place
-            .map(|i| Justification(i as u8))
-            .ok_or_else(|| JustificationError::Unknown(name.to_owned()))
+        place.map(|i| Justification(i as u8)).ok_or_else(|| JustificationError::Unknown(name.to_owned()))
     }
 
     /// The most severe justification among the active ones, `k* = min {k : J_k = 1}`; the default where none is.

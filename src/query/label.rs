@@ -105,10 +105,15 @@ impl Weights {
             Response::Safety(SafetyAnswer::Both(Preference::Right)) => {
                 "both are safe and right is better".to_owned()
             }
-            Response::Safety(SafetyAnswer::Both(Preference::Equal)) => "both are safe, neither is better".to_owned(),
+            Response::Safety(SafetyAnswer::Both(Preference::Equal)) => {
+                "both are safe, neither is better".to_owned()
+            }
             Response::Justified(justification, preference) => {
                 let all = &self.justifications;
-                let name = all.iter().find(|(this, ..)| *this == justification).map_or("default", |(_, name, _)| name);
+                let name = all
+                    .iter()
+                    .find(|(this, ..)| *this == justification)
+                    .map_or("default", |(_, name, _)| name);
                 match preference {
                     Preference::Left => format!("left is better because of {name}"),
                     Preference::Right => format!("right is better because of {name}"),

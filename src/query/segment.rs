@@ -43,7 +43,12 @@ pub struct Query {
 /// All left dreams are drawn first, then all right ones, then the starts in the same order (method §6);
 /// each is uniform and with replacement.
 /// Dreams shorter than a segment are left out; where none is long enough there are no queries.
-pub fn sample_queries(dreams: &[(DreamId, usize)], n: usize, first: QueryId, rng: &mut impl Rng) -> Vec<Query> {
+pub fn sample_queries(
+    dreams: &[(DreamId, usize)],
+    n: usize,
+    first: QueryId,
+    rng: &mut impl Rng,
+) -> Vec<Query> {
     let long: Vec<_> = dreams.iter().filter(|(_, len)| *len >= SEGMENT_LEN).collect();
     if long.is_empty() {
         return Vec::new();

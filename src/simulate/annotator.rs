@@ -81,7 +81,14 @@ pub struct Annotator {
 impl Annotator {
     /// Makes no mistake, and differences below a third of a tile escape it.
     pub fn careful() -> Self {
-        Self { beta: None, gamma: 1.0, eps_mistake: 0.0, eps_skip: Some(1.5), eps_equal: 0.3, eps_safety: 0.0 }
+        Self {
+            beta: None,
+            gamma: 1.0,
+            eps_mistake: 0.0,
+            eps_skip: Some(1.5),
+            eps_equal: 0.3,
+            eps_safety: 0.0,
+        }
     }
 
     /// Watches a clip.
@@ -108,7 +115,8 @@ impl Annotator {
         }
         let payoffs = [left, right].map(|clip| clip.payoff(self.gamma));
         let progress = [left, right].map(|clip| clip.progress(self.gamma));
-        let [left_safe, right_safe] = [left.is_safe() != luck.misjudges[0], right.is_safe() != luck.misjudges[1]];
+        let [left_safe, right_safe] =
+            [left.is_safe() != luck.misjudges[0], right.is_safe() != luck.misjudges[1]];
         match protocol {
             Protocol::Drop => match self.prefer(payoffs, luck) {
                 Preference::Equal => Response::Skipped(Some(SkipReason::Ambiguous)),
@@ -193,7 +201,10 @@ mod tests {
         let (slow, wild) = (clip(20.0, 0), clip(60.0, 3));
         let careful = Annotator::careful();
 
-        assert_eq!(answer(careful, Protocol::Dropj, [&wild, &slow]), Response::Safety(SafetyAnswer::OnlyRight));
+        assert_eq!(
+            answer(careful, Protocol::Dropj, [&wild, &slow]),
+            Response::Safety(SafetyAnswer::OnlyRight)
+        );
         assert_eq!(answer(careful, Protocol::Drope, [&wild, &slow]), Response::Preferred(Preference::Left));
     }
 

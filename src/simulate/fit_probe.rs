@@ -291,7 +291,8 @@ fn learn(
 /// One half of the pictures is mirrored, and all are a little brighter or darker than they were.
 fn loss(net: &Net, batch: &[&Example], rng: &mut ChaCha8Rng) -> Tensor {
     let b = batch.len();
-    let (mut earlier, mut now, mut is_off, mut measured, mut counts) = (vec![], vec![], vec![], vec![], vec![]);
+    let (mut earlier, mut now, mut is_off, mut measured, mut counts) =
+        (vec![], vec![], vec![], vec![], vec![]);
     for (i, example) in batch.iter().enumerate() {
         let is_still = rng.random_bool(STILL);
         earlier.push(if is_still { example.now.clone() } else { example.earlier.clone() });
@@ -308,14 +309,16 @@ fn loss(net: &Net, batch: &[&Example], rng: &mut ChaCha8Rng) -> Tensor {
     let shade = 0.02 * normal(rng, &[b as i64, 1, 1, 1]);
     let [earlier, now] = [earlier, now].map(|frames| {
         let pixels = from_frames(&frames) * &light + &shade;
-        let [half, rest] = [pixels.narrow(0, 0, b as i64 / 2), pixels.narrow(0, b as i64 / 2, (b - b / 2) as i64)];
+        let [half, rest] =
+            [pixels.narrow(0, 0, b as i64 / 2), pixels.narrow(0, b as i64 / 2, (b - b / 2) as i64)];
         Tensor::cat(&[half.flip([2]), rest], 0)
     });
     let b = b as i64;
     let outputs = net.forward(&earlier, &now);
     let is_off = from_slice(&is_off, &[b, 2]);
     let logits = outputs.narrow(1, 0, 2);
-    let told = logits.binary_cross_entropy_with_logits(&is_off, None::<Tensor>, None::<Tensor>, Reduction::Mean);
+    let told =
+        logits.binary_cross_entropy_with_logits(&is_off, None::<Tensor>, None::<Tensor>, Reduction::Mean);
     let wrong = outputs.narrow(1, 2, N_OUTPUTS as i64 - 2).smooth_l1_loss(
         &from_slice(&measured, &[b, N_OUTPUTS as i64 - 2]),
         Reduction::None,
@@ -343,11 +346,13 @@ fn errors(probe: &Probe, examples: &[Example]) -> ProbeErrors {
     let seen = probe.look(&earlier, &now);
     let pairs: Vec<_> = examples.iter().zip(&seen).collect();
     let share = |is: &dyn Fn(&Sight, &Sight) -> bool| {
-        pairs.iter().filter(|(example, seen)| is(&example.shown, seen)).count() as f64 / pairs.len().max(1) as f64
+        pairs.iter().filter(|(example, seen)| is(&example.shown, seen)).count() as f64
+            / pairs.len().max(1) as f64
     };
     let directed: Vec<_> = pairs.iter().filter(|(example, _)| example.tells_direction()).collect();
     let mean = |error: &dyn Fn(&Sight, &Sight) -> f32| {
-        let sum: f64 = directed.iter().map(|(example, seen)| f64::from(error(&example.shown, seen).abs())).sum();
+        let sum: f64 =
+            directed.iter().map(|(example, seen)| f64::from(error(&example.shown, seen).abs())).sum();
         sum / directed.len().max(1) as f64
     };
     let turn = |a: f32, b: f32| (a - b).sin().atan2((a - b).cos());
@@ -355,7 +360,10 @@ fn errors(probe: &Probe, examples: &[Example]) -> ProbeErrors {
         n: pairs.len(),
         off_road_share: share(&|shown, _| shown.off_road > 0.5),
         off_road_accuracy: share(&|shown, seen| (shown.off_road > 0.5) == (seen.off_road > 0.5)),
-        off_road_auc: auc(&pairs.iter().map(|(e, seen)| (e.shown.off_road > 0.5, seen.off_road)).collect::<Vec<_>>()),
+        off_road_auc: auc(&pairs
+            .iter()
+            .map(|(e, seen)| (e.shown.off_road > 0.5, seen.off_road))
+            .collect::<Vec<_>>()),
         all_off_accuracy: share(&|shown, seen| (shown.all_off > 0.5) == (seen.all_off > 0.5)),
         lateral: mean(&|shown, seen| shown.lateral - seen.lateral),
         heading: mean(&|shown, seen| turn(shown.heading_error, seen.heading_error)),
@@ -458,10 +466,15 @@ mod tests {
             n_steps += offs.len();
             n_off += offs.iter().filter(|off| **off).count();
             n_clips += offs.chunks_exact(20).count();
-            n_unsafe += offs.chunks_exact(20).filter(|clip| clip.iter().filter(|off| **off).count() > 1).count();
+            n_unsafe +=
+                offs.chunks_exact(20).filter(|clip| clip.iter().filter(|off| **off).count() > 1).count();
         }
         let off_road = f64::from(n_off as u32) / n_steps as f64;
-        eprintln!("off the road {off_road:.3}, unsafe clips {:.3}, {} tiles", n_unsafe as f64 / n_clips as f64, n_tiles / 8);
+        eprintln!(
+            "off the road {off_road:.3}, unsafe clips {:.3}, {} tiles",
+            n_unsafe as f64 / n_clips as f64,
+            n_tiles / 8
+        );
         assert!(fit.real.off_road_accuracy > 0.97 && fit.real.lateral < 0.6 && fit.real.along < 3.0);
         assert!((0.2..0.5).contains(&off_road), "{off_road} of the time off the road");
     }

@@ -61,7 +61,13 @@ impl DreamPlayer {
 }
 
 /// A dream of `n_steps` from `start`, in which both the noise and the player follow from `seed`.
-pub fn play(model: &WorldModel, probe: &Probe, start: &LatentState, n_steps: usize, seed: u64) -> DreamEpisode {
+pub fn play(
+    model: &WorldModel,
+    probe: &Probe,
+    start: &LatentState,
+    n_steps: usize,
+    seed: u64,
+) -> DreamEpisode {
     let played = play_all(model, probe, &[(start, seed)], n_steps, &mut |_| ControlFlow::Continue(()));
     played.into_iter().flatten().next().unwrap_or_else(|| unreachable!("nobody broke off"))
 }
@@ -79,7 +85,8 @@ pub fn play_all(
     if starts.is_empty() {
         return Some(Vec::new());
     }
-    let mut dreams: Vec<_> = starts.iter().map(|(start, seed)| DreamEpisode::new((*start).clone(), *seed)).collect();
+    let mut dreams: Vec<_> =
+        starts.iter().map(|(start, seed)| DreamEpisode::new((*start).clone(), *seed)).collect();
     let mut players: Vec<_> = starts.iter().map(|(_, seed)| DreamPlayer::new(*seed)).collect();
     let mut noises: Vec<_> = starts.iter().map(|(_, seed)| ChaCha8Rng::seed_from_u64(*seed)).collect();
     let mut state = side_by_side(starts);
@@ -133,7 +140,10 @@ fn side_by_side(starts: &[(&LatentState, u64)]) -> State {
 fn draw(rngs: &mut [ChaCha8Rng], latent: i64) -> Noise {
     let noises: Vec<_> = rngs.iter_mut().map(|rng| Noise::draw(1, latent, rng)).collect();
     let all = |part: &dyn Fn(&Noise) -> Tensor| Tensor::cat(&noises.iter().map(part).collect::<Vec<_>>(), 0);
-    Noise { uniform: all(&|noise| noise.uniform.shallow_clone()), normal: all(&|noise| noise.normal.shallow_clone()) }
+    Noise {
+        uniform: all(&|noise| noise.uniform.shallow_clone()),
+        normal: all(&|noise| noise.normal.shallow_clone()),
+    }
 }
 
 #[cfg(test)]

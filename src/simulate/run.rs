@@ -100,8 +100,12 @@ pub fn simulate(
 ) -> Option<Simulated> {
     assert!(!starts.is_empty(), "a dream needs a state to start from");
     let mut rng = ChaCha8Rng::seed_from_u64(config.seed);
-    let starts: Vec<_> =
-        starts.iter().cycle().take(config.n_dreams).map(|start| (start, u64::from(rng.random::<u32>()))).collect();
+    let starts: Vec<_> = starts
+        .iter()
+        .cycle()
+        .take(config.n_dreams)
+        .map(|start| (start, u64::from(rng.random::<u32>())))
+        .collect();
     let steps = config.dream_steps;
     let dreams =
         play_all(model, probe, &starts, steps, &mut |step| on_progress(Progress::Played(step, steps)))?;
@@ -172,7 +176,10 @@ mod tests {
         let first = run(&config).unwrap();
 
         assert_eq!((first.dreams.len(), first.answers.len()), (2, 6));
-        assert!(first.dreams.iter().all(|dream| dream.len() == 40 && dream.zs.len() == 40), "every step is kept");
+        assert!(
+            first.dreams.iter().all(|dream| dream.len() == 40 && dream.zs.len() == 40),
+            "every step is kept"
+        );
         assert_eq!(run(&config), Some(first.clone()));
         assert_ne!(run(&SimulateConfig { seed: 4, ..config }), Some(first));
     }

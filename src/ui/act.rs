@@ -8,7 +8,9 @@ use rand::SeedableRng as _;
 use rand_chacha::ChaCha8Rng;
 
 use crate::dream::DreamEpisode;
-use crate::query::{Preference, Protocol, QueryId, Response, SEGMENT_LEN, SafetyAnswer, SkipReason, sample_queries};
+use crate::query::{
+    Preference, Protocol, QueryId, Response, SEGMENT_LEN, SafetyAnswer, SkipReason, sample_queries,
+};
 use crate::session::{Answer, Choice, DreamSource, Event, Header, SessionStore, recent};
 use crate::ui::App;
 use crate::ui::command::{Command, Field, Panel};
@@ -43,7 +45,9 @@ impl App {
             Command::OpenSession(dir) => self.open_session(&dir),
             Command::RecoverDreams => self.recover(),
             Command::DiscardUnfinished => self.discard_unfinished(),
-            Command::FitWorld { .. } | Command::StopFit | Command::LoadWorld(_) => self.act_on_world(ctx, command),
+            Command::FitWorld { .. } | Command::StopFit | Command::LoadWorld(_) => {
+                self.act_on_world(ctx, command)
+            }
             Command::StartRecording
             | Command::PauseRecording
             | Command::KeepRecording
@@ -97,7 +101,8 @@ impl App {
     fn act_on_world(&mut self, ctx: &Context, command: Command) {
         match command {
             Command::FitWorld { resume } => {
-                let (dataset, out) = (self.state.field(Field::Dataset).into(), self.state.field(Field::ModelOut).into());
+                let (dataset, out) =
+                    (self.state.field(Field::Dataset).into(), self.state.field(Field::ModelOut).into());
                 self.state.world.fit = Some(Default::default());
                 self.crew.send(Order::Modeler(ModelerCommand::Fit { dataset, out, resume }));
             }
@@ -113,7 +118,10 @@ impl App {
                     self.state.unfinished.clear();
                     // A session belongs to the model that it was dreamed with.
                     if self.state.store.take().is_some() {
-                        self.note("a session belongs to its world model: the next dream begins a new one".to_owned());
+                        self.note(
+                            "a session belongs to its world model: the next dream begins a new one"
+                                .to_owned(),
+                        );
                     }
                     self.done(format!("{name} is loaded"));
                 }
@@ -187,9 +195,11 @@ impl App {
         let idx = self.state.dream.start_idx;
         let start = self.state.world.loaded.as_ref().and_then(|world| world.starts.get(idx));
         let Some(start) = start.map(|start| start.state.clone()) else { return };
-        let journal = self.state.store.as_ref().map(|store| {
-            store.journal(&DreamEpisode::new(start.clone(), seed), DreamSource::User)
-        });
+        let journal = self
+            .state
+            .store
+            .as_ref()
+            .map(|store| store.journal(&DreamEpisode::new(start.clone(), seed), DreamSource::User));
         let journal = match journal.transpose() {
             Ok(journal) => journal,
             Err(e) => {
@@ -268,12 +278,15 @@ impl App {
     fn answer(&mut self, response: Response) {
         // An answer counts only for clips that were seen.
         let Some((query, since)) = self.state.label.shown else { return };
-        if !self.state.protocol().permits(&response) || self.state.current().is_none_or(|next| next.id != query) {
+        if !self.state.protocol().permits(&response)
+            || self.state.current().is_none_or(|next| next.id != query)
+        {
             return;
         }
         let secs = (self.state.now - since).max(0.0) as f32;
         let annotator = self.annotator();
-        let answer = Answer { loops: self.state.label.loops, ..Answer::new(query, response, secs, &annotator) };
+        let answer =
+            Answer { loops: self.state.label.loops, ..Answer::new(query, response, secs, &annotator) };
         if !self.record(Event::Answered(answer)) {
             return;
         }
@@ -359,7 +372,8 @@ impl App {
 
     fn flag(&mut self) {
         let Some(query) = self.state.current().map(|query| query.id) else { return };
-        let is_flagged = self.state.session().and_then(|s| s.query(query)).is_some_and(|asked| asked.is_flagged);
+        let is_flagged =
+            self.state.session().and_then(|s| s.query(query)).is_some_and(|asked| asked.is_flagged);
         self.record(if is_flagged { Event::Unflagged { query } } else { Event::Flagged { query } });
     }
 
@@ -416,9 +430,12 @@ impl App {
     }
 
     fn describe(&self, recent: crate::session::Recent) -> RecentSession {
-        let name = recent.dir.file_name().map_or_else(String::new, |name| name.to_string_lossy().into_owned());
+        let name =
+            recent.dir.file_name().map_or_else(String::new, |name| name.to_string_lossy().into_owned());
         let about = match &recent.session {
-            Ok((header, _)) if !self.state.world.hash.is_empty() && header.world_model != self.state.world.hash => {
+            Ok((header, _))
+                if !self.state.world.hash.is_empty() && header.world_model != self.state.world.hash =>
+            {
                 Err("dreamed with another world model: load that one first".to_owned())
             }
             Ok((header, session)) => {
@@ -439,7 +456,8 @@ impl App {
         let config = world.parameters.metadata("config").unwrap_or_default();
         let config: Option<WorldModelConfig> = serde_json::from_str(&config).ok();
         let env = config.map_or_else(|| "car-racing".to_owned(), |config| config.env);
-        let path = world.path.as_ref().filter(|path| path.is_absolute()).map(|path| path.display().to_string());
+        let path =
+            world.path.as_ref().filter(|path| path.is_absolute()).map(|path| path.display().to_string());
         let header = Header::new(&env, protocol, fresh_seed() >> 11, &self.state.world.hash, millis());
         let header = Header { world_model_path: path, ..header };
         match SessionStore::create_in(&self.sessions, header) {
@@ -487,7 +505,9 @@ impl App {
         self.state.label = Labeling { is_guided, speed, ..Labeling::default() };
         self.state.reward = Rewarding::default();
         if let Some(torn) = store.torn() {
-            self.warn(format!("the last line of this session was cut short when the program ended: {torn:?}"));
+            self.warn(format!(
+                "the last line of this session was cut short when the program ended: {torn:?}"
+            ));
         }
         for (id, _) in store.session().dream_lens() {
             match store.dream(id) {
@@ -500,7 +520,8 @@ impl App {
         }
         match store.reward() {
             Ok(Some(parameters)) => {
-                self.state.reward.n_learned = store.session().fits().last().map_or(0, |fitted| fitted.fit.n_labels);
+                self.state.reward.n_learned =
+                    store.session().fits().last().map_or(0, |fitted| fitted.fit.n_labels);
                 self.state.reward.parameters = Some(parameters.clone());
                 self.crew.send(Order::Driver(DriverCommand::Reward(parameters)));
             }

@@ -26,7 +26,8 @@ pub enum Panel {
 
 impl Panel {
     /// All of them, in the order of the work.
-    pub const ALL: [Self; 6] = [Self::Record, Self::World, Self::Dream, Self::Label, Self::Reward, Self::Deploy];
+    pub const ALL: [Self; 6] =
+        [Self::Record, Self::World, Self::Dream, Self::Label, Self::Reward, Self::Deploy];
 
     /// What it is called.
     pub fn name(self) -> &'static str {

@@ -31,7 +31,8 @@ impl Dialog {
     pub(super) fn open(ctx: &Context, field: Field, at: &str) -> Self {
         let dialog = rfd::AsyncFileDialog::new();
         let dialog = if at.is_empty() { dialog } else { dialog.set_directory(at) };
-        let weights = |dialog: rfd::AsyncFileDialog| dialog.add_filter("Network parameters", &["safetensors"]);
+        let weights =
+            |dialog: rfd::AsyncFileDialog| dialog.add_filter("Network parameters", &["safetensors"]);
         let answer: Pin<Box<dyn Future<Output = _>>> = match field {
             Field::ModelIn => Box::pin(weights(dialog).pick_file()),
             Field::ModelOut => Box::pin(weights(dialog).set_file_name("world_model.safetensors").save_file()),

@@ -4,16 +4,16 @@ use std::time::{Duration, Instant};
 
 use eframe::egui::{Context, TextureHandle};
 
+use crate::dream::DreamEpisode;
 use crate::query::{Preference, Protocol, QueryId, Response, SEGMENT_LEN, SafetyAnswer};
 use crate::session::{DreamJournal, DreamSource, Fit};
 use crate::tensor::Parameters;
+use crate::ui::App;
 use crate::ui::command::{Command, Panel};
 use crate::ui::crew::Order;
 use crate::ui::input::{PadButton, PadEvent};
 use crate::ui::state::{Dreaming, LoadedWorld, Pair, State, World};
 use crate::ui::widgets::clip;
-use crate::ui::App;
-use crate::dream::DreamEpisode;
 use crate::worker::{ClipperCommand, DriverCommand, Report, TrainerCommand};
 
 /// How the report of a worker that has died begins.
@@ -48,7 +48,8 @@ impl App {
                 PadEvent::Disconnected(name) => {
                     self.hands.release();
                     self.state.pads.retain(|pad| *pad != name);
-                    let text = format!("{name} was unplugged: everything on it is let go, and the keys still drive");
+                    let text =
+                        format!("{name} was unplugged: everything on it is let go, and the keys still drive");
                     self.warn(text);
                 }
                 PadEvent::Moved(pad) => self.hands.hold(pad),
@@ -169,7 +170,10 @@ impl App {
                 self.state.world.fit = None;
                 let way = vec![("Go on".to_owned(), Command::FitWorld { resume: true })];
                 if message.starts_with("stopped") {
-                    self.offer("the fit is stopped and goes on from its last checkpoint when you like".to_owned(), way);
+                    self.offer(
+                        "the fit is stopped and goes on from its last checkpoint when you like".to_owned(),
+                        way,
+                    );
                 } else {
                     self.fail_with(message.to_owned(), way);
                 }
@@ -199,7 +203,10 @@ impl App {
             let deploy = &mut self.state.deploy;
             let (width, height, rgb) = &view.picture;
             clip::put_picture(ctx, &mut deploy.picture, (*width, *height, rgb));
-            let is_new = deploy.view.as_ref().is_none_or(|old| !std::sync::Arc::ptr_eq(&old.candidates, &view.candidates));
+            let is_new = deploy
+                .view
+                .as_ref()
+                .is_none_or(|old| !std::sync::Arc::ptr_eq(&old.candidates, &view.candidates));
             if is_new {
                 let last = |candidate: &crate::worker::CandidateView| {
                     candidate.frames.last().map(|frame| clip::texture(ctx, "candidate", frame))
@@ -299,7 +306,9 @@ fn pad_command(state: &State, button: PadButton) -> Option<Command> {
             PadButton::East => Command::LeaveRecording,
             _ => return None,
         }),
-        Panel::Record => matches!(button, PadButton::Start | PadButton::South).then_some(Command::StartRecording),
+        Panel::Record => {
+            matches!(button, PadButton::Start | PadButton::South).then_some(Command::StartRecording)
+        }
         Panel::Label => label_command(state, button),
         _ => None,
     }

@@ -230,7 +230,13 @@ pub(crate) fn pressed(ui: &Ui, key: Key) -> bool {
     // A control that was reached with Tab keeps the keys that press and leave it.
     let is_for_controls = matches!(
         key,
-        Key::Space | Key::Enter | Key::Escape | Key::ArrowLeft | Key::ArrowRight | Key::ArrowUp | Key::ArrowDown
+        Key::Space
+            | Key::Enter
+            | Key::Escape
+            | Key::ArrowLeft
+            | Key::ArrowRight
+            | Key::ArrowUp
+            | Key::ArrowDown
     );
     if is_for_controls && ctx.memory(|memory| memory.focused().is_some()) {
         return false;

@@ -82,9 +82,10 @@ pub fn run(startup: Startup) -> Result<(), String> {
         .with_inner_size([1280.0, 820.0])
         .with_min_inner_size([880.0, 600.0]);
     let options = eframe::NativeOptions { viewport, ..eframe::NativeOptions::default() };
-    let create = |cc: &CreationContext<'_>| -> Result<Box<dyn eframe::App>, Box<dyn std::error::Error + Send + Sync>> {
-        Ok(Box::new(App::new(cc, startup)))
-    };
+    let create =
+        |cc: &CreationContext<'_>| -> Result<Box<dyn eframe::App>, Box<dyn std::error::Error + Send + Sync>> {
+            Ok(Box::new(App::new(cc, startup)))
+        };
     eframe::run_native("dropj", options, Box::new(create)).map_err(|e| sentence(&e))
 }
 

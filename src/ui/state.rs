@@ -13,9 +13,9 @@ use crate::session::{Header, Session, SessionStore, UnfinishedDream};
 use crate::tensor::Parameters;
 use crate::ui::command::{Command, Field, Panel};
 use crate::ui::widgets::clip::Clip;
+use crate::worker::{DriveView, Learning, LiveView};
 use crate::world_model::LatentState;
 use crate::world_model::fit::{Progress, Stage};
-use crate::worker::{DriveView, Learning, LiveView};
 
 /// Where a dream can begin.
 #[derive(Clone, Debug)]

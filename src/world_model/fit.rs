@@ -252,7 +252,8 @@ impl Course<'_> {
     }
 
     fn checkpoint(&self, run: &Run) -> Result<(), FitError> {
-        let standing = serde_json::to_string(&self.standing).unwrap_or_else(|e| unreachable!("plain data: {e}"));
+        let standing =
+            serde_json::to_string(&self.standing).unwrap_or_else(|e| unreachable!("plain data: {e}"));
         let net = self.store.variables().into_iter().map(|(name, tensor)| (format!("net.{name}"), tensor));
         let adam = self.adam.state().into_iter().map(|(name, tensor)| (format!("adam.{name}"), tensor));
         let all = Parameters::from_tensors(net.chain(adam), &[("standing", standing)]);
@@ -313,8 +314,7 @@ impl Course<'_> {
                 }
             }
             self.checkpoint(run)?;
-            progress =
-                Progress { epoch: self.standing.epoch, held_out: Some(held_out), is_best, ..progress };
+            progress = Progress { epoch: self.standing.epoch, held_out: Some(held_out), is_best, ..progress };
             run.log(&progress)?;
             if report(&progress).is_break() {
                 return Err(FitError::Stopped);
@@ -500,7 +500,11 @@ fn fit_mdn_rnn(
     let mut rng = ChaCha8Rng::seed_from_u64(fit.seed.wrapping_add(1));
     let store = nn::VarStore::new(Device::Cpu);
     let mdn_rnn = MdnRnn::new(&store.root(), config.mdn_rnn.clone(), &mut rng);
-    assert_eq!(dataset.n_episodes(), split.train.len() + split.held_out.len(), "the split is of this dataset");
+    assert_eq!(
+        dataset.n_episodes(),
+        split.train.len() + split.held_out.len(),
+        "the split is of this dataset"
+    );
     let loss = |episodes: &[usize], rng: &mut ChaCha8Rng| -> Result<(Tensor, usize), FitError> {
         let stretches = stretches(run, episodes, fit.window, rng)?;
         let n_steps = stretches.lens.iter().sum::<i64>() as usize;
@@ -533,7 +537,12 @@ struct Stretches {
 }
 
 /// One stretch of at most `window` steps from each of `episodes`, its start uniform.
-fn stretches(run: &Run, episodes: &[usize], window: usize, rng: &mut ChaCha8Rng) -> Result<Stretches, FitError> {
+fn stretches(
+    run: &Run,
+    episodes: &[usize],
+    window: usize,
+    rng: &mut ChaCha8Rng,
+) -> Result<Stretches, FitError> {
     let (mut zs, mut actions, mut lens) = (Vec::new(), Vec::new(), Vec::new());
     for &episode in episodes {
         let Encoded { mean, log_var, actions: all } = encoded(run, episode)?;

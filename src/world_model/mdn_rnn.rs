@@ -109,7 +109,8 @@ impl Mixture {
         let cumulative = (&self.log_pi / temperature).softmax(-1, Kind::Float).cumsum(-1, Kind::Float);
         // The first component whose cumulative weight reaches u: as many as lie below it; rounding must not pass the last.
         let last = self.log_pi.size()[self.log_pi.dim() - 1] - 1;
-        let component = cumulative.lt_tensor(&noise.uniform.unsqueeze(-1)).sum_dim_intlist(-1, true, Kind::Int64);
+        let component =
+            cumulative.lt_tensor(&noise.uniform.unsqueeze(-1)).sum_dim_intlist(-1, true, Kind::Int64);
         let component = component.clamp_max(last); // [B, Z, 1]
         let mean = self.mean.gather(-1, &component, false).squeeze_dim(-1);
         let std = self.log_std.gather(-1, &component, false).squeeze_dim(-1).exp();
@@ -195,7 +196,16 @@ impl MdnRnn {
         let Memory { c, h } = Memory::zeros(b, &self.config);
         let input = Tensor::cat(&[zs, actions], 2);
         let is_training = Tensor::requires_grad(&self.lstm[0]);
-        let (hs, ..) = input.lstm(&[&h.unsqueeze(0), &c.unsqueeze(0)], &self.lstm.each_ref(), true, 1, 0.0, is_training, false, true);
+        let (hs, ..) = input.lstm(
+            &[&h.unsqueeze(0), &c.unsqueeze(0)],
+            &self.lstm.each_ref(),
+            true,
+            1,
+            0.0,
+            is_training,
+            false,
+            true,
+        );
         hs
     }
 
@@ -218,7 +228,6 @@ impl MdnRnn {
         (nll * mask).sum(Kind::Float) / n
     }
 }
-
 
 #[cfg(test)]
 mod tests {
@@ -244,7 +253,8 @@ mod tests {
     #[test]
     fn equal_unit_gaussians_at_their_mean_cost_half_the_logarithm_of_two_pi() {
         let zeros = || Tensor::zeros([1, 2, 5], (Kind::Float, Device::Cpu));
-        let mixture = Mixture { log_pi: zeros().log_softmax(-1, Kind::Float), mean: zeros(), log_std: zeros() };
+        let mixture =
+            Mixture { log_pi: zeros().log_softmax(-1, Kind::Float), mean: zeros(), log_std: zeros() };
         let nll = mixture.nll(&Tensor::zeros([1, 2], (Kind::Float, Device::Cpu)));
         assert!((nll.mean(Kind::Float).double_value(&[]) - 0.918_938_5).abs() < 1e-6);
     }

@@ -33,7 +33,11 @@ pub struct WorldModelConfig {
 impl WorldModelConfig {
     /// The paper's networks for Car Racing.
     pub fn car_racing() -> Self {
-        Self { env: "car-racing".to_owned(), vae: VaeConfig::car_racing(), mdn_rnn: MdnRnnConfig::car_racing() }
+        Self {
+            env: "car-racing".to_owned(),
+            vae: VaeConfig::car_racing(),
+            mdn_rnn: MdnRnnConfig::car_racing(),
+        }
     }
 
     /// Toys for tests.
@@ -165,7 +169,11 @@ impl WorldModel {
     }
 
     /// Both networks as they are trained: what [`Self::load`] takes.
-    pub fn parameters_of(config: &WorldModelConfig, vision: &nn::VarStore, memory: &nn::VarStore) -> Parameters {
+    pub fn parameters_of(
+        config: &WorldModelConfig,
+        vision: &nn::VarStore,
+        memory: &nn::VarStore,
+    ) -> Parameters {
         let header = serde_json::to_string(config).unwrap_or_else(|e| unreachable!("plain data: {e}"));
         Parameters::of(&[("vae", vision), ("mdn_rnn", memory)], &[("config", header)])
     }

@@ -27,7 +27,7 @@ impl WorldModel {
 /// The starts as tensors: `starts.z`, `starts.c` and `starts.h`, a row each.
 pub(super) fn pack(starts: &[LatentState]) -> Vec<(String, Tensor)> {
     let rows = |part: fn(&LatentState) -> &Vec<f32>| {
-        let values: Vec<f32> = starts.iter().flat_map(|start| part(start)).copied().collect();
+        let values: Vec<f32> = starts.iter().flat_map(part).copied().collect();
         from_slice(&values, &[starts.len() as i64, -1])
     };
     if starts.is_empty() {

@@ -360,8 +360,9 @@ mod tests {
         let store = nn::VarStore::new(Device::Cpu);
         let mut vae = Vae::new(&store.root(), VaeConfig::car_racing(), Kind::Float, &mut rng());
         for layer in [&mut vae.mean, &mut vae.log_var] {
-            tch::no_grad(|| layer.weight.zero_());
-            tch::no_grad(|| layer.bias.zero_());
+            for parameter in [&mut layer.weight, &mut layer.bias] {
+                let _ = tch::no_grad(|| parameter.zero_());
+            }
         }
         let pixels = Tensor::zeros([2, 84, 84, 3], (Kind::Float, Device::Cpu));
         let loss = vae.loss(&pixels, &normal(&mut rng(), &[2, 32]));
@@ -383,7 +384,15 @@ mod tests {
         assert!(difference.abs().max().double_value(&[]) < 1e-4, "convolution");
 
         let weight = deconv.weight.view([96, 4, 4, 200]).permute([0, 3, 1, 2]);
-        let plain = channels_first(&x).conv_transpose2d(&weight, Some(&deconv.bias), [1; 2], [0; 2], [0; 2], 1, [1; 2]);
+        let plain = channels_first(&x).conv_transpose2d(
+            &weight,
+            Some(&deconv.bias),
+            [1; 2],
+            [0; 2],
+            [0; 2],
+            1,
+            [1; 2],
+        );
         let difference = deconv.forward(&x, Kind::Float) - channels_last(&plain);
         assert!(difference.abs().max().double_value(&[]) < 1e-4, "transposed convolution");
     }

@@ -55,7 +55,8 @@ fn fit_in(bencher: Bencher<'_, '_>, kind: Kind) {
     let mut trainer = Trainer::new(ensemble(kind));
     let width = trainer.ensemble().n_features() + Action::LEN as i64;
     for i in 0..N_LABELS {
-        let segment = |seed| to_vec(&normal(&mut ChaCha8Rng::seed_from_u64(seed), &[SEGMENT_LEN as i64, width]));
+        let segment =
+            |seed| to_vec(&normal(&mut ChaCha8Rng::seed_from_u64(seed), &[SEGMENT_LEN as i64, width]));
         let answer = SafetyAnswer::Both(if i % 2 == 0 { Preference::Left } else { Preference::Right });
         let label = Weights::car_racing().label(&Response::Safety(answer));
         let label = label.unwrap_or_else(|| unreachable!("it was answered"));

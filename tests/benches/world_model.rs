@@ -7,7 +7,9 @@ use dropj::dream::Dream;
 use dropj::env::Action;
 use dropj::tensor::adam::Adam;
 use dropj::tensor::normal;
-use dropj::world_model::{LatentState, MdnRnn, MdnRnnConfig, Vae, VaeConfig, WorldModelConfig, fast_kind, untrained};
+use dropj::world_model::{
+    LatentState, MdnRnn, MdnRnnConfig, Vae, VaeConfig, WorldModelConfig, fast_kind, untrained,
+};
 use rand::SeedableRng as _;
 use rand_chacha::ChaCha8Rng;
 use tch::{Device, Kind, Tensor, nn};

@@ -1,8 +1,8 @@
 //! The real car under the planner, and what it thought of.
 
 use eframe::egui::{
-    Align, Align2, Color32, CornerRadius, FontId, Grid, Key, Layout, Rect, Role, ScrollArea, Sense, Ui, UiBuilder,
-    WidgetInfo, pos2, vec2,
+    Align, Align2, Color32, CornerRadius, FontId, Grid, Key, Layout, Rect, Role, ScrollArea, Sense, Ui,
+    UiBuilder, WidgetInfo, pos2, vec2,
 };
 
 use crate::evaluation::EpisodeMetrics;
@@ -24,7 +24,11 @@ const N_COLUMNS: usize = 5;
 const N_ROWS: usize = 3;
 
 pub(super) fn deploy_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
-    heading(ui, "Deploy", "The planner drives the real car: it dreams fifteen futures ahead and takes the one the reward likes best.");
+    heading(
+        ui,
+        "Deploy",
+        "The planner drives the real car: it dreams fifteen futures ahead and takes the one the reward likes best.",
+    );
     if state.reward.parameters.is_none() {
         ui.label("The planner needs a reward: answer some queries first.");
         ui.add_space(GAP);
@@ -48,7 +52,10 @@ pub(super) fn deploy_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>)
 fn car_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
     let deploy = &state.deploy;
     let width = ui.available_width().min((ui.available_height() - 240.0) * SHAPE).max(150.0);
-    let label = deploy.view.as_ref().map_or("The track".to_owned(), |view| format!("The track at step {}", view.step));
+    let label = deploy
+        .view
+        .as_ref()
+        .map_or("The track".to_owned(), |view| format!("The track at step {}", view.step));
     let empty = "Press Drive to let the planner take the wheel.";
     let response =
         picture_ui(ui, deploy.picture.as_ref(), vec2(width, width / SHAPE), &label, empty, Rim::Plain);
@@ -118,7 +125,8 @@ fn candidates_ui(ui: &mut Ui, state: &State, cell: f32, strip: f32, gap: f32) {
                 let (rect, response) = ui.allocate_exact_size(vec2(cell, cell + strip), Sense::hover());
                 let candidate = deploy.view.as_ref().and_then(|view| view.candidates.get(i));
                 let is_chosen = chosen == Some(i) && candidate.is_some();
-                let promised = candidate.map_or("–".to_owned(), |candidate| format!("{:.2}", candidate.predicted_return));
+                let promised = candidate
+                    .map_or("–".to_owned(), |candidate| format!("{:.2}", candidate.predicted_return));
                 let name = format!("Plan {}{}: {promised}", i + 1, if is_chosen { ", chosen" } else { "" });
                 response.widget_info(|| WidgetInfo::labeled(Role::Image, true, &name));
                 let picture = Rect::from_min_size(rect.min, vec2(cell, cell)).shrink(2.0);

@@ -18,7 +18,11 @@ const SHAPE: f32 = 1.0;
 const BELOW: f32 = 110.0;
 
 pub(super) fn dream_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
-    heading(ui, "Dream", "Drive inside the world model. Drive well, and drive badly too: both are worth asking about.");
+    heading(
+        ui,
+        "Dream",
+        "Drive inside the world model. Drive well, and drive badly too: both are worth asking about.",
+    );
     if state.world.loaded.as_ref().is_none_or(|world| world.starts.is_empty()) {
         let why = match &state.world.loaded {
             None => "A dream needs a world model.",
@@ -44,7 +48,8 @@ fn stage_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
     let live = dream.live.as_ref().filter(|_| dream.is_on);
     let thumbnail = dream.thumbnails.get(dream.start_idx).and_then(Option::as_ref);
     let picture = if dream.is_on { dream.picture.as_ref() } else { thumbnail.or(dream.picture.as_ref()) };
-    let label = live.map_or("The start of the dream".to_owned(), |live| format!("The dream at step {}", live.step));
+    let label =
+        live.map_or("The start of the dream".to_owned(), |live| format!("The dream at step {}", live.step));
     let empty = if dream.is_on { "Falling asleep…" } else { "" };
     let is_paused = live.is_some_and(|live| live.is_paused);
     let rim = if is_paused { Rim::Accent } else { Rim::Plain };
@@ -66,7 +71,11 @@ pub(super) fn banner(ui: &Ui, over: Rect, text: &str) {
     let font = FontId::proportional(15.0);
     let galley = ui.painter().layout_no_wrap(text.to_owned(), font, Color32::WHITE);
     let at = Align2::CENTER_TOP.anchor_size(over.center_top() + vec2(0.0, 20.0), galley.size());
-    ui.painter().rect_filled(at.expand2(vec2(14.0, 7.0)), CornerRadius::same(14), Color32::from_black_alpha(190));
+    ui.painter().rect_filled(
+        at.expand2(vec2(14.0, 7.0)),
+        CornerRadius::same(14),
+        Color32::from_black_alpha(190),
+    );
     ui.painter().galley(at.min, galley, Color32::WHITE);
 }
 
@@ -142,7 +151,8 @@ fn aside_ui(ui: &mut Ui, state: &State, _commands: &mut Vec<Command>) {
             figure_ui(ui, rate, &format!("steps a second of {STEPS_PER_SEC}"));
         });
         ui.add_space(6.0);
-        let action = live.filter(|live| is_on && live.is_paused).map_or(state.dream.action, |live| live.action);
+        let action =
+            live.filter(|live| is_on && live.is_paused).map_or(state.dream.action, |live| live.action);
         action_ui(ui, if is_on { action } else { crate::env::Action::default() });
         ui.add_space(2.0);
         let n_late = live.map_or(0, |live| live.n_late);

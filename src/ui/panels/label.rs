@@ -1,8 +1,8 @@
 //! Two clips, and one key for what a person says about them.
 
 use eframe::egui::{
-    Align, Key, Layout, Rect, Response as UiResponse, RichText, Role, ScrollArea, Sense, Ui, UiBuilder, WidgetInfo,
-    pos2, vec2,
+    Align, Key, Layout, Rect, Response as UiResponse, RichText, Role, ScrollArea, Sense, Ui, UiBuilder,
+    WidgetInfo, pos2, vec2,
 };
 
 use crate::query::{
@@ -19,9 +19,9 @@ use crate::ui::widgets::keycap::{KeyButton, Tone};
 use crate::ui::widgets::layout::{heading, titled_card, with_side};
 
 pub(super) fn label_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
-    let n_usable = state.session().map_or(0, |session| {
-        session.dreams().iter().filter(|kept| kept.len >= SEGMENT_LEN).count()
-    });
+    let n_usable = state
+        .session()
+        .map_or(0, |session| session.dreams().iter().filter(|kept| kept.len >= SEGMENT_LEN).count());
     if n_usable == 0 {
         heading(ui, "Label", "Here you will compare short clips of your dreams.");
         ui.label("There is nothing to compare yet: drive a dream of at least a second, and keep it.");
@@ -138,24 +138,28 @@ fn head_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
 /// Where the clips are, and what moves them.
 fn playback_ui(ui: &mut Ui, state: &State, frame: usize, commands: &mut Vec<Command>) {
     let label = &state.label;
-    ui.allocate_ui_with_layout(vec2(ui.available_width(), 26.0), Layout::right_to_left(Align::Center), |ui| {
-        ui.spacing_mut().item_spacing.x = 4.0;
-        let name = if label.is_standing { "Play" } else { "Pause" };
-        let speed = format!("{:.1} ×", label.speed / NORMAL_SPEED);
-        for (name, key, command) in [
-            ("Faster", Key::CloseBracket, Command::Faster(true)),
-            ("Slower", Key::OpenBracket, Command::Faster(false)),
-            ("Again", Key::Num0, Command::RestartClips),
-            (name, Key::P, Command::PauseClips),
-        ] {
-            if KeyButton::new(name).key(key).tone(Tone::Quiet).small().show(ui).clicked() {
-                commands.push(command);
+    ui.allocate_ui_with_layout(
+        vec2(ui.available_width(), 26.0),
+        Layout::right_to_left(Align::Center),
+        |ui| {
+            ui.spacing_mut().item_spacing.x = 4.0;
+            let name = if label.is_standing { "Play" } else { "Pause" };
+            let speed = format!("{:.1} ×", label.speed / NORMAL_SPEED);
+            for (name, key, command) in [
+                ("Faster", Key::CloseBracket, Command::Faster(true)),
+                ("Slower", Key::OpenBracket, Command::Faster(false)),
+                ("Again", Key::Num0, Command::RestartClips),
+                (name, Key::P, Command::PauseClips),
+            ] {
+                if KeyButton::new(name).key(key).tone(Tone::Quiet).small().show(ui).clicked() {
+                    commands.push(command);
+                }
             }
-        }
-        ui.label(tokens::small(ui, speed));
-        let width = ui.available_width() - 8.0;
-        timeline_ui(ui, frame, SEGMENT_LEN, width);
-    });
+            ui.label(tokens::small(ui, speed));
+            let width = ui.available_width() - 8.0;
+            timeline_ui(ui, frame, SEGMENT_LEN, width);
+        },
+    );
 }
 
 /// How many rows of answers there are.
@@ -241,9 +245,8 @@ fn row(ui: &mut Ui, choices: &[(&str, Key, Command)], is_ready: bool, commands: 
 fn justifications_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) -> Justification {
     let all = state.weights().justifications;
     let chosen = state.label.justification.unwrap_or(all.default());
-    let digits = [
-        Key::Num1, Key::Num2, Key::Num3, Key::Num4, Key::Num5, Key::Num6, Key::Num7, Key::Num8, Key::Num9,
-    ];
+    let digits =
+        [Key::Num1, Key::Num2, Key::Num3, Key::Num4, Key::Num5, Key::Num6, Key::Num7, Key::Num8, Key::Num9];
     ui.horizontal_wrapped(|ui| {
         ui.spacing_mut().item_spacing.x = 8.0;
         for ((justification, name, _), key) in all.iter().zip(digits) {
@@ -260,7 +263,8 @@ fn justifications_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) ->
 fn foot_ui(ui: &mut Ui, state: &State, shown: Option<QueryId>, commands: &mut Vec<Command>) {
     let session = state.session();
     let is_flagged = shown.and_then(|id| session?.query(id)).is_some_and(|asked| asked.is_flagged);
-    let can_undo = !state.label.guided.is_empty() || session.is_some_and(|session| session.undoable().is_some());
+    let can_undo =
+        !state.label.guided.is_empty() || session.is_some_and(|session| session.undoable().is_some());
     ui.horizontal(|ui| {
         ui.spacing_mut().item_spacing.x = 4.0;
         let skip = KeyButton::new("Skip").key(Key::Space).tone(Tone::Quiet).enabled(shown.is_some());
@@ -330,17 +334,20 @@ fn latest_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
         return;
     }
     let weights = session.weights();
-    ScrollArea::vertical().id_salt("answers").max_height((ui.available_height() - 20.0).max(200.0)).show(ui, |ui| {
-        ui.spacing_mut().item_spacing.y = 2.0;
-        for given in answers.iter().rev().take(50) {
-            let answer = &given.answer;
-            let is_flagged = session.query(answer.query).is_some_and(|asked| asked.is_flagged);
-            let response = answer_ui(ui, answer.query, &weights.say(&answer.response), is_flagged);
-            if response.on_hover_text("Answer it again").clicked() {
-                commands.push(Command::Revisit(answer.query));
+    ScrollArea::vertical().id_salt("answers").max_height((ui.available_height() - 20.0).max(200.0)).show(
+        ui,
+        |ui| {
+            ui.spacing_mut().item_spacing.y = 2.0;
+            for given in answers.iter().rev().take(50) {
+                let answer = &given.answer;
+                let is_flagged = session.query(answer.query).is_some_and(|asked| asked.is_flagged);
+                let response = answer_ui(ui, answer.query, &weights.say(&answer.response), is_flagged);
+                if response.on_hover_text("Answer it again").clicked() {
+                    commands.push(Command::Revisit(answer.query));
+                }
             }
-        }
-    });
+        },
+    );
 }
 
 fn answer_ui(ui: &mut Ui, query: QueryId, said: &str, is_flagged: bool) -> UiResponse {

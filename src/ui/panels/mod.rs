@@ -34,14 +34,17 @@ pub(super) fn window_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>)
         .show_separator_line(false)
         .frame(frame(tokens.rail, Margin::symmetric(12, 16)))
         .show(ui, |ui| rail::rail_ui(ui, state, commands));
-    CentralPanel::default().frame(frame(tokens.background, Margin::same(PAD as i8))).show(ui, |ui| match state.panel {
-        Panel::Record => record::record_ui(ui, state, commands),
-        Panel::World => world::world_ui(ui, state, commands),
-        Panel::Dream => dream::dream_ui(ui, state, commands),
-        Panel::Label => label::label_ui(ui, state, commands),
-        Panel::Reward => reward::reward_ui(ui, state, commands),
-        Panel::Deploy => deploy::deploy_ui(ui, state, commands),
-    });
+    CentralPanel::default().frame(frame(tokens.background, Margin::same(PAD as i8))).show(
+        ui,
+        |ui| match state.panel {
+            Panel::Record => record::record_ui(ui, state, commands),
+            Panel::World => world::world_ui(ui, state, commands),
+            Panel::Dream => dream::dream_ui(ui, state, commands),
+            Panel::Label => label::label_ui(ui, state, commands),
+            Panel::Reward => reward::reward_ui(ui, state, commands),
+            Panel::Deploy => deploy::deploy_ui(ui, state, commands),
+        },
+    );
     status::toasts_ui(ui, state, commands);
     if state.sessions_open {
         sessions::sessions_ui(ui, state, commands);

@@ -1,8 +1,8 @@
 //! The path of the work, and how far it is.
 
 use eframe::egui::{
-    Align, Align2, Color32, CornerRadius, FontId, Key, Layout, Modifiers, Pos2, Rect, Role, Sense, Stroke, Ui,
-    WidgetInfo, pos2, vec2,
+    Align, Align2, Color32, CornerRadius, FontId, Key, Layout, Modifiers, Pos2, Rect, Role, Sense, Stroke,
+    Ui, WidgetInfo, pos2, vec2,
 };
 
 use crate::ui::act::counted;
@@ -175,5 +175,9 @@ fn session_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
 /// `2026-11-22 10:15` of `2026-11-22T10-15-00-dropj`; any other name as it is.
 fn short_name(folder: &str) -> String {
     let is_ours = folder.len() > 19 && folder.is_char_boundary(19) && folder.as_bytes()[10] == b'T';
-    if is_ours { format!("{} {}", &folder[..10], folder[11..16].replace('-', ":")) } else { folder.to_owned() }
+    if is_ours {
+        format!("{} {}", &folder[..10], folder[11..16].replace('-', ":"))
+    } else {
+        folder.to_owned()
+    }
 }

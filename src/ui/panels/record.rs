@@ -34,7 +34,11 @@ fn stage_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
     let room = ui.available_size();
     let width = room.x.min((room.y - BELOW) * SHAPE).max(150.0);
     let label = live.map_or("The track".to_owned(), |live| format!("The track at step {}", live.step));
-    let empty = if record.is_on { "Drawing the track…" } else { "Press Record, then drive with the arrows, WASD or a gamepad." };
+    let empty = if record.is_on {
+        "Drawing the track…"
+    } else {
+        "Press Record, then drive with the arrows, WASD or a gamepad."
+    };
     let rim = if is_paused { Rim::Accent } else { Rim::Plain };
     let picture = record.picture.as_ref().filter(|_| live.is_some());
     let response = picture_ui(ui, picture, vec2(width, width / SHAPE), &label, empty, rim);
@@ -81,7 +85,12 @@ fn aside_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
         ui.add_space(6.0);
         action_ui(ui, if record.is_on { state.dream.action } else { crate::env::Action::default() });
         let n_late = live.map_or(0, |live| live.n_late);
-        row_color_ui(ui, "Late steps", n_late.to_string(), if n_late > 0 { tokens.warn } else { tokens.text });
+        row_color_ui(
+            ui,
+            "Late steps",
+            n_late.to_string(),
+            if n_late > 0 { tokens.warn } else { tokens.text },
+        );
     });
     titled_card(ui, "Where", |ui| {
         ui.add_enabled_ui(!record.is_on, |ui| {

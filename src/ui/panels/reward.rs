@@ -50,7 +50,14 @@ fn curves(ui: &mut Ui, state: &State) {
         });
         card(&mut columns[1], |ui| {
             let curve = Curve { name: "foretold", points: &reward.agreement, color: tokens.lines[1] };
-            curves_ui(ui, "Answers foretold, by number of answers", &[curve], Some(("chance", 0.5)), Corner::RightBottom, height);
+            curves_ui(
+                ui,
+                "Answers foretold, by number of answers",
+                &[curve],
+                Some(("chance", 0.5)),
+                Corner::RightBottom,
+                height,
+            );
         });
     });
 }
@@ -63,7 +70,11 @@ fn fit_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
             ui.spacing_mut().item_spacing.x = 28.0;
             figure_ui(ui, reward.n_learned.to_string(), "answers");
             let agreement = latest.and_then(|latest| latest.agreement);
-            figure_ui(ui, agreement.map_or("–".to_owned(), |share| format!("{:.0} %", 100.0 * share)), "foretold");
+            figure_ui(
+                ui,
+                agreement.map_or("–".to_owned(), |share| format!("{:.0} %", 100.0 * share)),
+                "foretold",
+            );
         });
         if let Some(loss) = latest.and_then(|latest| latest.held_out_loss) {
             row_ui(ui, "Held-out log-loss", format!("{loss:.3}"));
@@ -114,7 +125,8 @@ fn bar_ui(ui: &mut Ui, name: &str, side: &str, n: usize, share: f32, color: Colo
     let font = || FontId::proportional(13.5);
     ui.painter().text(rect.left_top(), Align2::LEFT_TOP, format!("{name}  {side}"), font(), tokens.muted);
     ui.painter().text(rect.right_top(), Align2::RIGHT_TOP, n, font(), tokens.text);
-    let track = Rect::from_min_max(rect.left_bottom() - vec2(0.0, 12.0), rect.right_bottom() - vec2(0.0, 6.0));
+    let track =
+        Rect::from_min_max(rect.left_bottom() - vec2(0.0, 12.0), rect.right_bottom() - vec2(0.0, 6.0));
     ui.painter().rect_filled(track, CornerRadius::same(3), tokens.border);
     let mut filled = track;
     filled.set_width(track.width() * share);

@@ -70,7 +70,8 @@ fn recent_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
         for recent in &state.recent {
             ui.horizontal(|ui| {
                 let is_open = state.store.as_ref().is_some_and(|store| store.dir() == recent.dir);
-                let button = KeyButton::new(&recent.name).tone(if is_open { Tone::Chosen } else { Tone::Plain });
+                let button =
+                    KeyButton::new(&recent.name).tone(if is_open { Tone::Chosen } else { Tone::Plain });
                 if button.enabled(recent.about.is_ok()).is_pressed(ui) {
                     commands.push(Command::OpenSession(recent.dir.clone()));
                 }

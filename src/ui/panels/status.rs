@@ -1,7 +1,8 @@
 //! The quiet line at the foot of the window, and the messages above it.
 
 use eframe::egui::{
-    Align, Align2, Area, Frame, Id, Key, Layout, Margin, Order, RichText, Sense, Stroke, ThemePreference, Ui, vec2,
+    Align, Align2, Area, Frame, Id, Key, Layout, Margin, Order, RichText, Sense, Stroke, ThemePreference, Ui,
+    vec2,
 };
 
 use crate::ui::act::counted;

@@ -16,7 +16,11 @@ use crate::ui::widgets::layout::{heading, titled_card, with_side};
 use crate::world_model::fit::Stage;
 
 pub(super) fn world_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
-    heading(ui, "World model", "What dreams are made of: it has learned to see, to remember and to foretell from recordings.");
+    heading(
+        ui,
+        "World model",
+        "What dreams are made of: it has learned to see, to remember and to foretell from recordings.",
+    );
     let main = |ui: &mut Ui, commands: &mut Vec<Command>| {
         ScrollArea::vertical().auto_shrink([false, false]).show(ui, |ui| {
             ui.spacing_mut().item_spacing.y = GAP;
@@ -56,13 +60,19 @@ fn load_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
         if KeyButton::new("Load").enabled(!path.is_empty()).is_pressed(ui) {
             commands.push(Command::LoadWorld(PathBuf::from(path)));
         }
-        ui.label(tokens::small(ui, "A session belongs to its world model, so another model begins another session"));
+        ui.label(tokens::small(
+            ui,
+            "A session belongs to its world model, so another model begins another session",
+        ));
     });
 }
 
 fn fit_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
     titled_card(ui, "Fit one to recordings", |ui| {
-        ui.label(tokens::muted(ui, "Vision first, then memory. It takes hours, goes on in the background and can be resumed."));
+        ui.label(tokens::muted(
+            ui,
+            "Vision first, then memory. It takes hours, goes on in the background and can be resumed.",
+        ));
         ui.add_space(4.0);
         let is_fitting = state.world.fit.is_some();
         ui.add_enabled_ui(!is_fitting, |ui| {
@@ -109,7 +119,10 @@ fn fitting_ui(ui: &mut Ui, fit: &FitState, now: f64) {
         Stage::MdnRnn => ("Memory", "steps"),
     };
     let epoch = (progress.epoch + 1).min(progress.max_epochs.max(1));
-    ui.label(RichText::new(format!("{stage}, epoch {epoch} of at most {}", progress.max_epochs.max(1))).color(tokens.text));
+    ui.label(
+        RichText::new(format!("{stage}, epoch {epoch} of at most {}", progress.max_epochs.max(1)))
+            .color(tokens.text),
+    );
     let done = (progress.epoch * progress.n + progress.done) as f32;
     progress_ui(ui, stage, done / (progress.max_epochs.max(1) * progress.n.max(1)) as f32);
     ui.add_space(4.0);

@@ -1,8 +1,8 @@
 //! Pictures with hard pixels, on the graphics card, and clips of them.
 
 use eframe::egui::{
-    Align2, Color32, ColorImage, Context, CornerRadius, FontId, Rect, Response, Role, Sense, Stroke, StrokeKind,
-    TextureHandle, TextureOptions, Ui, Vec2, WidgetInfo, epaint::RectShape, pos2, vec2,
+    Align2, Color32, ColorImage, Context, CornerRadius, FontId, Rect, Response, Role, Sense, Stroke,
+    StrokeKind, TextureHandle, TextureOptions, Ui, Vec2, WidgetInfo, epaint::RectShape, pos2, vec2,
 };
 
 use crate::env::Frame;
@@ -25,7 +25,11 @@ pub(crate) fn put(ctx: &Context, slot: &mut Option<TextureHandle>, frame: &Frame
 }
 
 /// Puts a picture of any size into `slot`.
-pub(crate) fn put_picture(ctx: &Context, slot: &mut Option<TextureHandle>, (width, height, rgb): (u32, u32, &[u8])) {
+pub(crate) fn put_picture(
+    ctx: &Context,
+    slot: &mut Option<TextureHandle>,
+    (width, height, rgb): (u32, u32, &[u8]),
+) {
     let image = ColorImage::from_rgb([width as usize, height as usize], rgb);
     match slot {
         Some(slot) => slot.set(image, TextureOptions::LINEAR),
@@ -104,7 +108,9 @@ pub(crate) fn paint_picture(ui: &Ui, picture: Option<&TextureHandle>, rect: Rect
 pub(crate) fn timeline_ui(ui: &mut Ui, frame: usize, n: usize, width: f32) -> Response {
     let tokens = Tokens::of(ui);
     let (rect, response) = ui.allocate_exact_size(vec2(width, 10.0), Sense::hover());
-    response.widget_info(|| WidgetInfo::labeled(Role::ProgressIndicator, true, format!("Frame {} of {n}", frame + 1)));
+    response.widget_info(|| {
+        WidgetInfo::labeled(Role::ProgressIndicator, true, format!("Frame {} of {n}", frame + 1))
+    });
     let step = rect.width() / n.max(1) as f32;
     for i in 0..n {
         let tick = Rect::from_min_size(

@@ -36,7 +36,8 @@ pub(crate) fn curves_ui(
         });
         return;
     }
-    let legend = Legend::default().position(corner).background_alpha(0.0).text_style(eframe::egui::TextStyle::Small);
+    let legend =
+        Legend::default().position(corner).background_alpha(0.0).text_style(eframe::egui::TextStyle::Small);
     let mut plot = Plot::new(heading)
         .height(height)
         .show_background(false)

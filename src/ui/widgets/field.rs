@@ -15,7 +15,13 @@ pub(crate) fn field_ui(ui: &mut Ui, state: &State, field: Field, name: &str, com
 }
 
 /// A short field after its name.
-pub(crate) fn inline_field_ui(ui: &mut Ui, state: &State, field: Field, name: &str, commands: &mut Vec<Command>) {
+pub(crate) fn inline_field_ui(
+    ui: &mut Ui,
+    state: &State,
+    field: Field,
+    name: &str,
+    commands: &mut Vec<Command>,
+) {
     let label = ui.label(tokens::small(ui, name));
     edit_ui(ui, state, field, 64.0, label.id, commands);
 }
@@ -41,7 +47,8 @@ fn edit_ui(
     commands: &mut Vec<Command>,
 ) {
     let mut text = state.field(field).to_owned();
-    let edit = TextEdit::singleline(&mut text).desired_width(width).margin(eframe::egui::Margin::symmetric(8, 7));
+    let edit =
+        TextEdit::singleline(&mut text).desired_width(width).margin(eframe::egui::Margin::symmetric(8, 7));
     if ui.add(edit).labelled_by(label).changed() {
         commands.push(Command::Edit(field, text));
     }

@@ -22,7 +22,10 @@ fn bar_ui(ui: &mut Ui, label: &str, value: f32, is_signed: bool, color: Color32)
     response.widget_info(|| WidgetInfo::labeled(Role::Meter, true, format!("{label} {value:.1}")));
     let painter = ui.painter();
     painter.text(rect.left_center(), Align2::LEFT_CENTER, label, FontId::proportional(13.0), tokens.muted);
-    let track = Rect::from_min_max(pos2(rect.left() + 56.0, rect.center().y - 3.0), rect.right_center() + vec2(0.0, 3.0));
+    let track = Rect::from_min_max(
+        pos2(rect.left() + 56.0, rect.center().y - 3.0),
+        rect.right_center() + vec2(0.0, 3.0),
+    );
     painter.rect_filled(track, CornerRadius::same(3), tokens.border);
     let zero = if is_signed { track.center().x } else { track.left() };
     let share = if is_signed { value.mul_add(0.5, 0.5) } else { value };

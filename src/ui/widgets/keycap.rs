@@ -1,8 +1,8 @@
 //! Buttons that show the key that presses them.
 
 use eframe::egui::{
-    Align2, Color32, CornerRadius, FontId, Key, Painter, Pos2, Rect, Response, Role, Sense, Shape, Stroke, StrokeKind,
-    Ui, Vec2, WidgetInfo, pos2, vec2,
+    Align2, Color32, CornerRadius, FontId, Key, Painter, Pos2, Rect, Response, Role, Sense, Shape, Stroke,
+    StrokeKind, Ui, Vec2, WidgetInfo, pos2, vec2,
 };
 
 use crate::ui::input;
@@ -35,7 +35,14 @@ pub(crate) struct KeyButton<'a> {
 
 impl<'a> KeyButton<'a> {
     pub(crate) fn new(label: &'a str) -> Self {
-        Self { label, key: None, tone: Tone::Plain, is_enabled: true, is_small: false, size: vec2(0.0, CONTROL) }
+        Self {
+            label,
+            key: None,
+            tone: Tone::Plain,
+            is_enabled: true,
+            is_small: false,
+            size: vec2(0.0, CONTROL),
+        }
     }
 
     /// The key that presses it.
@@ -74,7 +81,8 @@ impl<'a> KeyButton<'a> {
 
     /// Draws it and says whether it was clicked or its key pressed.
     pub(crate) fn is_pressed(self, ui: &mut Ui) -> bool {
-        let is_hit = self.is_enabled && ui.is_enabled() && self.key.is_some_and(|key| input::pressed(ui, key));
+        let is_hit =
+            self.is_enabled && ui.is_enabled() && self.key.is_some_and(|key| input::pressed(ui, key));
         self.show(ui).clicked() || is_hit
     }
 
@@ -115,7 +123,12 @@ impl<'a> KeyButton<'a> {
         ui.painter().rect(rect, SMALL_CORNER, fill, Stroke::new(1.0, border), StrokeKind::Inside);
         if response.has_focus() {
             let around = rect.expand(2.0);
-            ui.painter().rect_stroke(around, CornerRadius::same(8), Stroke::new(1.5, tokens.accent), StrokeKind::Inside);
+            ui.painter().rect_stroke(
+                around,
+                CornerRadius::same(8),
+                Stroke::new(1.5, tokens.accent),
+                StrokeKind::Inside,
+            );
         }
         let left = rect.center().x - (galley.size().x + cap_width) / 2.0;
         let text_at = pos2(left, rect.center().y - galley.size().y / 2.0);

@@ -1,6 +1,6 @@
 //! Cards, columns and headings: the same room everywhere.
 
-use eframe::egui::{Frame, Layout, Align, Margin, Rect, RichText, ScrollArea, Stroke, Ui, UiBuilder, pos2};
+use eframe::egui::{Align, Frame, Layout, Margin, Rect, RichText, ScrollArea, Stroke, Ui, UiBuilder, pos2};
 
 use crate::ui::tokens::{self, CORNER, GAP, Tokens};
 
@@ -55,7 +55,9 @@ pub(crate) fn with_side<S>(
     let middle = (all.right() - side).max(all.left() + 200.0);
     let left = Rect::from_min_max(all.min, pos2(middle - 2.0 * GAP, all.bottom()));
     let right = Rect::from_min_max(pos2(middle, all.top()), all.max);
-    ui.scope_builder(UiBuilder::new().max_rect(left).layout(Layout::top_down(Align::Min)), |ui| main(ui, state));
+    ui.scope_builder(UiBuilder::new().max_rect(left).layout(Layout::top_down(Align::Min)), |ui| {
+        main(ui, state)
+    });
     ui.scope_builder(UiBuilder::new().max_rect(right).layout(Layout::top_down(Align::Min)), |ui| {
         ScrollArea::vertical().id_salt("aside").auto_shrink([false, false]).show(ui, |ui| {
             ui.spacing_mut().item_spacing.y = GAP;
