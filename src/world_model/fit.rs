@@ -205,15 +205,20 @@ pub fn fit_world(
 
 /// The parameters with a moment of each of up to thirty held-out episodes beside them, where dreams may start.
 ///
-/// The first second of an episode is passed over: there the camera is still on its way down.
+/// It is a moment on the road, so that whoever dreams is not lost at once, and after the first second of the episode,
+/// in which the camera is still on its way down.
 fn with_starts(dataset: &Dataset, split: &Split, parameters: &Parameters) -> Result<Parameters, FitError> {
+    const FIRST: usize = 60;
+    const SAFE_BEFORE: usize = 20;
     let model = WorldModel::load(parameters.clone())
         .unwrap_or_else(|e| unreachable!("these are the parameters of that very model: {e}"));
     let mut starts = Vec::new();
-    for (i, &episode) in split.held_out.iter().take(30).enumerate() {
+    for (i, &episode) in split.held_out.iter().enumerate() {
         let episode = dataset.episode(episode)?;
-        let at = (60 + 40 * (i % 5)).min(episode.actions.len().saturating_sub(1));
-        starts.extend(model.states_of(&episode.frames, &episode.actions, &[at]));
+        let is_on_road = |at: &usize| !episode.grass[at.saturating_sub(SAFE_BEFORE)..=*at].contains(&true);
+        let at = (FIRST + 40 * (i % 5)..episode.actions.len()).find(is_on_road);
+        let at = at.or(episode.actions.len().checked_sub(1)).filter(|_| starts.len() < 30);
+        starts.extend(at.into_iter().flat_map(|at| model.states_of(&episode.frames, &episode.actions, &[at])));
     }
     Ok(model.parameters_with_starts(&starts))
 }
