@@ -4,6 +4,7 @@
 
 pub mod figures;
 pub mod fit;
+pub mod frozen;
 
 use rand::{Rng, SeedableRng as _};
 use rand_chacha::ChaCha8Rng;
@@ -16,6 +17,7 @@ use crate::world_model::fast_kind;
 
 pub use figures::Figures;
 pub use fit::{EpochReport, SegmentPair, Trainer, segment_rows};
+pub use frozen::FrozenReward;
 
 /// The shape of a [`RewardEnsemble`], and how it is fitted (method §8).
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -75,7 +77,7 @@ pub struct RewardEnsemble {
     config: RewardConfig,
     n_features: i64,
     world_model: String,
-    /// The arithmetic of the hidden layers; parameters, outputs and gradients are in full precision always.
+    /// The arithmetic of the products; parameters, their gradients and the returns are in full precision always.
     kind: Kind,
     store: nn::VarStore,
     layers: Vec<Layer>,
@@ -156,7 +158,7 @@ impl RewardEnsemble {
         Parameters::of(&[("reward", &self.store)], &[("reward", header)])
     }
 
-    /// The same ensemble with its hidden layers computed in `kind`; where nothing is said it is [`fast_kind`].
+    /// The same ensemble with its products computed in `kind`; where nothing is said it is [`fast_kind`].
     #[must_use]
     pub fn in_kind(self, kind: Kind) -> Self {
         Self { kind, ..self }
@@ -213,12 +215,10 @@ impl RewardEnsemble {
     fn forward(&self, rows: &Tensor) -> Tensor {
         let [e, n, _] = dims(rows);
         let mut x = rows.to_kind(self.kind);
-        for (i, Layer { weight, bias }) in self.layers.iter().enumerate() {
-            let is_last = i == self.config.layers;
-            // The output decides, and is narrow: it is computed in full precision.
-            let kind = if is_last { Kind::Float } else { self.kind };
-            x = bias.to_kind(kind).baddbmm(&x.to_kind(kind), &weight.to_kind(kind), 1, 1);
-            x = if is_last { x.tanh() } else { x.leaky_relu() };
+        for (i, layer) in self.layers.iter().enumerate() {
+            // In place: what costs here is fresh memory.
+            x = x.bmm(&layer.weight.to_kind(self.kind)).g_add_(&layer.bias.to_kind(self.kind));
+            x = if i == self.config.layers { x.to_kind(Kind::Float).tanh() } else { x.leaky_relu_() };
         }
         x.view([e, n])
     }

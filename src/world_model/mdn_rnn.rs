@@ -132,9 +132,9 @@ impl Mixture {
 pub struct MdnRnn {
     config: MdnRnnConfig,
     /// Input weights, recurrent weights, and the two biases: gates in the order i, f, g, o.
-    lstm: [Tensor; 4],
-    head: Tensor,
-    head_bias: Tensor,
+    pub(super) lstm: [Tensor; 4],
+    pub(super) head: Tensor,
+    pub(super) head_bias: Tensor,
 }
 
 impl MdnRnn {

@@ -3,6 +3,7 @@
 //! Knows no window, clock or file, and is the only place that knows the order `[z | c | h]` of a state's features.
 
 pub mod fit;
+mod foresight;
 pub mod mdn_rnn;
 mod starts;
 pub mod vae;
@@ -15,6 +16,7 @@ use tch::{Device, Kind, Tensor, nn};
 use crate::env::{Action, Frame};
 use crate::tensor::{Parameters, ParametersError, from_frames, from_slice, to_frames, to_vec};
 
+use foresight::Foresight;
 pub use mdn_rnn::{MdnRnn, MdnRnnConfig, Memory, Mixture, Noise};
 pub use vae::{Layer, Vae, VaeConfig};
 
@@ -135,6 +137,8 @@ pub struct WorldModel {
     /// Whatever is quickest here: pictures are only looked at.
     brush: Vae,
     mdn_rnn: MdnRnn,
+    /// The same memory, rearranged.
+    foresight: Foresight,
     starts: Vec<LatentState>,
 }
 
@@ -165,7 +169,7 @@ impl WorldModel {
         let (mut memory, eyes, brush) = (memory, vae.frozen(Kind::Float), vae.frozen(fast_kind()));
         memory.freeze();
         let starts = starts::unpack(&parameters);
-        Ok(Self { config, parameters, eyes, brush, mdn_rnn, starts })
+        Ok(Self { config, parameters, eyes, brush, foresight: Foresight::of(&mdn_rnn), mdn_rnn, starts })
     }
 
     /// Both networks as they are trained: what [`Self::load`] takes.
@@ -230,11 +234,14 @@ impl WorldModel {
     /// - `actions`: `[B, A]`, as driven
     pub fn imagine(&self, state: &State, actions: &Tensor, next: Next<'_>) -> State {
         tch::no_grad(|| {
-            let memory = self.mdn_rnn.remember(&state.z, actions, &state.memory);
-            let mixture = self.mdn_rnn.mixture(&memory.h);
-            let z = match next {
-                Next::Sample { temperature, noise } => mixture.sample(temperature, noise),
-                Next::Mean { temperature } => mixture.mean(temperature),
+            let (z, memory) = match next {
+                Next::Sample { temperature, noise } => {
+                    let memory = self.mdn_rnn.remember(&state.z, actions, &state.memory);
+                    (self.mdn_rnn.mixture(&memory.h).sample(temperature, noise), memory)
+                }
+                Next::Mean { temperature } => {
+                    self.foresight.imagine(&state.z, actions, &state.memory, temperature)
+                }
             };
             State { z, memory }
         })

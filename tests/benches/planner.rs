@@ -37,7 +37,8 @@ fn here(model: &WorldModel) -> State {
 
 fn plan_in(bencher: Bencher<'_, '_>, kind: Kind) {
     let model = untrained(&WorldModelConfig::car_racing(), &mut rng());
-    let (reward, state, config, mut rng) = (ensemble(kind), here(&model), PlannerConfig::car_racing(), rng());
+    let (reward, state, config, mut rng) =
+        (ensemble(kind).frozen(), here(&model), PlannerConfig::car_racing(), rng());
     bencher.bench_local(|| plan(&model, &reward, &state, &config, &mut rng).chosen);
 }
 
