@@ -64,6 +64,7 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
         RewardEnsemble::new(model.config().n_features(), &model.hash(), RewardConfig::car_racing(), rng)
     };
     reward.require(&model.hash())?;
+    let reward = reward.frozen();
 
     let memory_reset = (options.memory_reset > 0).then_some(options.memory_reset);
     let config = PlannerConfig { memory_reset, ..PlannerConfig::car_racing() };

@@ -7,7 +7,7 @@ use std::time::Instant;
 use crate::env::{Env, Seed};
 use crate::evaluation::Tally;
 use crate::planner::{Agent, PlannerConfig};
-use crate::reward::RewardEnsemble;
+use crate::reward::{FrozenReward, RewardEnsemble};
 use crate::tensor::Parameters;
 use crate::worker::clock::{Allowance, Beat, Clock};
 use crate::worker::gallery::Gallery;
@@ -70,7 +70,7 @@ struct Driver<'a> {
     reports: &'a Reports,
     view: &'a Latest<DriveView>,
     clock: Clock,
-    reward: Option<RewardEnsemble>,
+    reward: Option<FrozenReward>,
     /// The track to drive as soon as there is a reward.
     waiting: Option<u64>,
     episode: Option<Episode>,
@@ -98,7 +98,7 @@ impl Driver<'_> {
                 let wanted = self.model.hash();
                 let reward = RewardEnsemble::load(&parameters).and_then(|reward| {
                     reward.require(&wanted)?;
-                    Ok(reward)
+                    Ok(reward.frozen())
                 });
                 match reward {
                     Ok(reward) => self.reward = Some(reward),
