@@ -218,7 +218,8 @@ fn with_starts(dataset: &Dataset, split: &Split, parameters: &Parameters) -> Res
         let is_on_road = |at: &usize| !episode.grass[at.saturating_sub(SAFE_BEFORE)..=*at].contains(&true);
         let at = (FIRST + 40 * (i % 5)..episode.actions.len()).find(is_on_road);
         let at = at.or(episode.actions.len().checked_sub(1)).filter(|_| starts.len() < 30);
-        starts.extend(at.into_iter().flat_map(|at| model.states_of(&episode.frames, &episode.actions, &[at])));
+        starts
+            .extend(at.into_iter().flat_map(|at| model.states_of(&episode.frames, &episode.actions, &[at])));
     }
     Ok(model.parameters_with_starts(&starts))
 }
