@@ -1,11 +1,13 @@
 //! `dropj deploy`.
 
 use std::ops::ControlFlow;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use anyhow::Context as _;
 use dropj::env::{CarRacing, Env};
-use dropj::evaluation::{PlanningPolicy, Policy, StraightOn, Summary, TracksAlike, evaluate_episode, table};
+use dropj::evaluation::{
+    PlanningPolicy, Policy, Step, StraightOn, Summary, TracksAlike, evaluate_episode, table,
+};
 use dropj::planner::{Agent, PlannerConfig};
 use dropj::reward::{RewardConfig, RewardEnsemble};
 use dropj::session::SessionStore;
@@ -40,6 +42,9 @@ pub(crate) struct Options {
     /// A world model other than the session's or the shipped one
     #[arg(long)]
     world: Option<PathBuf>,
+    /// A table to write, a line a step: where the car was, what was done and what the plan promised
+    #[arg(long)]
+    steps: Option<PathBuf>,
     /// Print JSON: an object an episode, then one for the whole
     #[arg(long)]
     json: bool,
@@ -48,17 +53,16 @@ pub(crate) struct Options {
 pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
     anyhow::ensure!(options.env == EnvName::CarRacing, "only car-racing can be deployed in so far");
     tch::set_num_threads(1);
-    let store = options.session.as_deref().map(|dir| SessionStore::open(dir, None)).transpose()?;
-    let model = match (&options.world, &store) {
+    let kept = options.session.as_deref().map(SessionStore::read_reward).transpose()?;
+    let model = match (&options.world, &options.session) {
         (Some(path), _) => models::world_model(path)?,
-        (None, Some(store)) => store.world_model()?,
+        (None, Some(dir)) => SessionStore::read_world_model(dir)?,
         (None, None) => models::world_model(&models::world_model_asset(options.env))?,
     };
-    let reward = if let Some(store) = &store {
-        let parameters = store.reward()?.with_context(|| {
-            format!("the session {:?} has no reward yet: fit one in the window", store.dir())
-        })?;
-        RewardEnsemble::load(&parameters)?
+    let reward = if let Some((_, reward)) = &kept {
+        let dir = options.session.as_deref().unwrap_or(Path::new(""));
+        let none = || format!("the session {dir:?} has no reward yet: fit one in the window");
+        RewardEnsemble::load(reward.as_ref().with_context(none)?)?
     } else {
         let rng = &mut ChaCha8Rng::seed_from_u64(options.random_reward.unwrap_or(0));
         RewardEnsemble::new(model.config().n_features(), &model.hash(), RewardConfig::car_racing(), rng)
@@ -70,13 +74,19 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
     let config = PlannerConfig { memory_reset, ..PlannerConfig::car_racing() };
     let tracks = TracksAlike { seed: options.seed };
     let mut episodes = Vec::new();
+    let mut steps = "track,step,speed,lateral,heading_error,wheels_off,grass,steer,gas,brake,chosen,best,worst\n".to_owned();
     for i in 0..options.episodes {
         let seed = tracks.track(i);
         let mut env: Box<dyn Env> = Box::new(CarRacing::new(seed));
         let agent = Agent::new(config.clone(), options.seed.wrapping_add(i));
         let mut planning = PlanningPolicy::new(&model, &reward, agent);
         let policy: &mut dyn Policy = if options.straight_on { &mut StraightOn } else { &mut planning };
-        let metrics = evaluate_episode(&mut *env, seed, policy, |_, _| ControlFlow::Continue(()));
+        let metrics = evaluate_episode(&mut *env, seed, policy, |env, step| {
+            if options.steps.is_some() {
+                steps.push_str(&line(options.seed + i, env, step));
+            }
+            ControlFlow::Continue(())
+        });
         if options.json {
             println!("{}", serde_json::json!({"track": options.seed + i, "metrics": metrics}));
         } else {
@@ -92,12 +102,38 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
         }
         episodes.push(metrics);
     }
+    if let Some(path) = &options.steps {
+        std::fs::write(path, steps).with_context(|| format!("cannot write the table of steps {path:?}"))?;
+    }
     let summary = Summary::of(&episodes);
     if options.json {
         println!("{}", serde_json::json!({"summary": summary}));
     } else {
-        let name = store.as_ref().map_or("baseline", |store| store.header().protocol.name());
+        let name = kept.as_ref().map_or("baseline", |(header, _)| header.protocol.name());
         println!("{}", table(&[(name, summary)]));
     }
     Ok(())
+}
+
+/// A line of the table of steps.
+fn line(track: u64, env: &dyn Env, step: &Step<'_>) -> String {
+    let truth = env.truth();
+    let action = step.executed;
+    let plan = step.plan.map_or(",,".to_owned(), |plan| {
+        let returns = || plan.candidates.iter().map(|candidate| candidate.predicted_return);
+        let (best, worst) = (returns().fold(f32::MIN, f32::max), returns().fold(f32::MAX, f32::min));
+        format!("{},{best:.3},{worst:.3}", plan.chosen)
+    });
+    format!(
+        "{track},{},{:.2},{:.2},{:.3},{},{},{},{},{},{plan}\n",
+        step.t,
+        truth.speed,
+        truth.lateral,
+        truth.heading_error,
+        truth.wheels_off,
+        u8::from(step.outcome.events.grass),
+        action.steer,
+        action.gas,
+        action.brake
+    )
 }
