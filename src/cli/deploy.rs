@@ -74,7 +74,9 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
     let config = PlannerConfig { memory_reset, ..PlannerConfig::car_racing() };
     let tracks = TracksAlike { seed: options.seed };
     let mut episodes = Vec::new();
-    let mut steps = "track,step,speed,lateral,heading_error,wheels_off,grass,steer,gas,brake,chosen,best,worst\n".to_owned();
+    let mut steps =
+        "track,step,speed,lateral,heading_error,wheels_off,grass,steer,gas,brake,chosen,best,worst\n"
+            .to_owned();
     for i in 0..options.episodes {
         let seed = tracks.track(i);
         let mut env: Box<dyn Env> = Box::new(CarRacing::new(seed));

@@ -8,7 +8,7 @@ const SIDE: usize = 20;
 
 /// A straight road that drifts away under the car, now to one side and now to the other.
 #[derive(Debug, Default)]
-pub struct DummyRoad {
+pub(crate) struct DummyRoad {
     /// Where the car is: on the road within ±1.
     lateral: f32,
     wind: f32,
@@ -17,7 +17,7 @@ pub struct DummyRoad {
 
 impl DummyRoad {
     /// Steps of an episode.
-    pub const LEN: usize = 120;
+    pub(crate) const LEN: usize = 120;
 }
 
 impl Env for DummyRoad {
@@ -61,7 +61,7 @@ impl Env for DummyRoad {
 
 /// A person who looks at what is under the car.
 #[derive(Debug)]
-pub struct Oracle;
+pub(crate) struct Oracle;
 
 impl Oracle {
     /// Whether the middle of every picture is road.
@@ -73,7 +73,7 @@ impl Oracle {
     }
 
     /// The answer to a query in the protocol DROPJ.
-    pub fn answer(left: &[Frame], right: &[Frame]) -> SafetyAnswer {
+    pub(crate) fn answer(left: &[Frame], right: &[Frame]) -> SafetyAnswer {
         match (Self::stays_safe(left), Self::stays_safe(right)) {
             (true, false) => SafetyAnswer::OnlyLeft,
             (false, true) => SafetyAnswer::OnlyRight,
