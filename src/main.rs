@@ -8,7 +8,7 @@ use std::process::ExitCode;
 use clap::Parser as _;
 
 fn main() -> ExitCode {
-    wait_without_spinning();
+    set_around_libtorch();
     env_logger::Builder::from_env(env_logger::Env::default().default_filter_or("warn")).init();
     match cli::run(cli::Cli::parse()) {
         Ok(()) => ExitCode::SUCCESS,
@@ -19,22 +19,33 @@ fn main() -> ExitCode {
     }
 }
 
-/// Starts the program anew where libtorch's threads would spin while they wait, which costs ten times beside a window.
+/// What libtorch needs around it: they are read as it is loaded, before `main`; cargo sets them, an installed program
+/// has to itself.
 ///
-/// The library reads the variable as it is loaded, before `main`; cargo sets it, an installed program has to itself.
+/// Threads that spin while they wait cost ten times beside a window. Memory that is given back to the system after each
+/// training step costs a fifth of the next.
 #[cfg(unix)]
-fn wait_without_spinning() {
+const AROUND_LIBTORCH: [(&str, &str); 3] = [
+    ("OMP_WAIT_POLICY", "PASSIVE"),
+    ("MALLOC_MMAP_THRESHOLD_", "33554432"),
+    ("MALLOC_TRIM_THRESHOLD_", "536870912"),
+];
+
+/// Starts the program anew where [`AROUND_LIBTORCH`] is not set yet.
+#[cfg(unix)]
+fn set_around_libtorch() {
     use std::os::unix::process::CommandExt as _;
 
-    const POLICY: &str = "OMP_WAIT_POLICY";
-    if std::env::var_os(POLICY).is_none()
+    let missing = AROUND_LIBTORCH.into_iter().filter(|(name, _)| std::env::var_os(name).is_none());
+    let missing: Vec<_> = missing.collect();
+    if !missing.is_empty()
         && let Ok(program) = std::env::current_exe()
     {
         let mut again = std::process::Command::new(program);
-        let error = again.args(std::env::args_os().skip(1)).env(POLICY, "PASSIVE").exec();
-        log::debug!("went on with waiting threads that spin: {error}");
+        let error = again.args(std::env::args_os().skip(1)).envs(missing).exec();
+        log::debug!("went on with what was set: {error}");
     }
 }
 
 #[cfg(not(unix))]
-fn wait_without_spinning() {}
+fn set_around_libtorch() {}
