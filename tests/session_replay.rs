@@ -1,7 +1,5 @@
 //! The session that is shipped as an example replays to the state it was recorded in, and its rewards can be learned again.
 
-#![expect(clippy::unwrap_used, reason = "a failing test may panic")]
-
 use std::path::Path;
 
 use dropj::session::{SessionStore, replay};

@@ -70,7 +70,6 @@ fn load(path: &Path) -> Result<LoadedWorld, String> {
         ("Pixels a side".to_owned(), config.vae.side.to_string()),
         ("Latents".to_owned(), config.vae.latent.to_string()),
         ("Memory cells".to_owned(), config.mdn_rnn.memory.to_string()),
-        ("Hash".to_owned(), model.hash()),
     ];
     let starts = model.starts().iter().enumerate().map(|(i, state)| DreamStart {
         name: format!("Start {}", i + 1),

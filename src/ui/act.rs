@@ -11,12 +11,12 @@ use crate::dream::DreamEpisode;
 use crate::query::{
     Preference, Protocol, QueryId, Response, SEGMENT_LEN, SafetyAnswer, SkipReason, sample_queries,
 };
-use crate::session::{Answer, Choice, DreamSource, Event, Header, SessionStore, recent};
+use crate::session::{Answer, Choice, DreamSource, Event, Header, Session, SessionStore, recent};
 use crate::ui::App;
 use crate::ui::command::{Command, Field, Panel};
 use crate::ui::crew::Order;
 use crate::ui::dialog::Dialog;
-use crate::ui::state::{Labeling, RecentSession, Rewarding, Toast, ToastKind, World};
+use crate::ui::state::{FitState, Labeling, RecentSession, Rewarding, Toast, ToastKind, World};
 use crate::worker::{
     ClipperCommand, DreamerCommand, DriverCommand, ModelerCommand, RecorderCommand, TrainerCommand,
 };
@@ -46,7 +46,7 @@ impl App {
             Command::RecoverDreams => self.recover(),
             Command::DiscardUnfinished => self.discard_unfinished(),
             Command::FitWorld { .. } | Command::StopFit | Command::LoadWorld(_) => {
-                self.act_on_world(ctx, command)
+                self.act_on_world(ctx, command);
             }
             Command::StartRecording
             | Command::PauseRecording
@@ -103,7 +103,7 @@ impl App {
             Command::FitWorld { resume } => {
                 let (dataset, out) =
                     (self.state.field(Field::Dataset).into(), self.state.field(Field::ModelOut).into());
-                self.state.world.fit = Some(Default::default());
+                self.state.world.fit = Some(FitState::default());
                 self.crew.send(Order::Modeler(ModelerCommand::Fit { dataset, out, resume }));
             }
             Command::StopFit => self.crew.send(Order::Modeler(ModelerCommand::Stop)),
@@ -353,7 +353,7 @@ impl App {
         if self.state.label.guided.pop().is_some() {
             return;
         }
-        let Some(query) = self.state.session().and_then(|session| session.undoable()) else { return };
+        let Some(query) = self.state.session().and_then(Session::undoable) else { return };
         if !self.record(Event::Retracted { query }) {
             return;
         }
@@ -363,7 +363,7 @@ impl App {
     }
 
     fn redo(&mut self) {
-        let Some(query) = self.state.session().and_then(|session| session.redoable()) else { return };
+        let Some(query) = self.state.session().and_then(Session::redoable) else { return };
         if self.record(Event::Restored { query }) {
             self.teach(query);
             self.next_query(None);
@@ -394,7 +394,7 @@ impl App {
         let Some(store) = &self.state.store else { return };
         let session = store.session();
         let missing = N_AHEAD.saturating_sub(session.pending().count());
-        if missing > 0 {
+        if missing > 0 && self.state.now >= self.state.label.ask_again_at {
             let first = session.next_query_id();
             let mut rng = ChaCha8Rng::seed_from_u64(store.header().seed);
             rng.set_stream(u64::from(first.0));
@@ -403,6 +403,8 @@ impl App {
                 let is_written =
                     self.record(Event::Asked { query: query.id, left, right, choice: Choice::Uniform });
                 if !is_written {
+                    // A full disk is not asked sixty times a second whether it is still full.
+                    self.state.label.ask_again_at = self.state.now + 5.0;
                     break;
                 }
             }
@@ -502,7 +504,7 @@ impl App {
         self.end_dream();
         self.crew.forget();
         let (is_guided, speed) = (self.state.label.is_guided, self.state.label.speed);
-        self.state.label = Labeling { is_guided, speed, ..Labeling::default() };
+        self.state.label = Labeling { speed, is_guided, ..Labeling::default() };
         self.state.reward = Rewarding::default();
         if let Some(torn) = store.torn() {
             self.warn(format!(

@@ -43,7 +43,9 @@ impl App {
             match event {
                 PadEvent::Connected(name) => {
                     self.note(format!("{name} is plugged in"));
-                    self.state.pads.push(name);
+                    if !self.state.pads.contains(&name) {
+                        self.state.pads.push(name);
+                    }
                 }
                 PadEvent::Disconnected(name) => {
                     self.hands.release();
@@ -270,8 +272,9 @@ impl App {
         if state.panel == Panel::Label && state.label.shown.is_some() && !state.label.is_standing {
             ctx.request_repaint_after(self.pace.max(Duration::from_secs_f64(0.5 / state.label.speed)));
         }
+        // Pads are read between two pictures, so there must be some; in software a picture costs too much for many.
         if !state.pads.is_empty() {
-            ctx.request_repaint_after(Duration::from_millis(50));
+            ctx.request_repaint_after(6 * self.pace);
         }
         let until = state.toasts.iter().filter_map(|toast| toast.until).reduce(f64::min);
         if let Some(until) = until {

@@ -71,6 +71,8 @@ impl InputSource for NoPads {
 pub struct Gilrs {
     gilrs: gilrs::Gilrs,
     active: Option<gilrs::GamepadId>,
+    /// Pads that were there from the beginning and have not been told of.
+    untold: Vec<String>,
 }
 
 impl fmt::Debug for Gilrs {
@@ -82,7 +84,10 @@ impl fmt::Debug for Gilrs {
 /// The pads of this machine, or none where they cannot be asked for.
 pub fn system_pads() -> Box<dyn InputSource> {
     match gilrs::Gilrs::new() {
-        Ok(gilrs) => Box::new(Gilrs { gilrs, active: None }),
+        Ok(gilrs) => {
+            let untold = gilrs.gamepads().map(|(_, pad)| pad.name().to_owned()).collect();
+            Box::new(Gilrs { gilrs, active: None, untold })
+        }
         Err(e) => {
             log::info!("no gamepads: {e}");
             Box::new(NoPads)
@@ -92,7 +97,8 @@ pub fn system_pads() -> Box<dyn InputSource> {
 
 impl InputSource for Gilrs {
     fn poll(&mut self) -> Vec<PadEvent> {
-        let mut events = Vec::new();
+        let mut events: Vec<_> =
+            std::mem::take(&mut self.untold).into_iter().map(PadEvent::Connected).collect();
         let mut has_moved = false;
         while let Some(gilrs::Event { id, event, .. }) = self.gilrs.next_event() {
             let name = || self.gilrs.gamepad(id).name().to_owned();
@@ -250,5 +256,39 @@ fn is_press(event: &Event, wanted: Key) -> bool {
             *key == wanted && !modifiers.command && !modifiers.ctrl && !modifiers.alt
         }
         _ => false,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use eframe::egui::{Modifiers, RawInput};
+
+    use super::*;
+
+    /// The hands after a frame with these key events.
+    fn after(hands: &mut Hands, keys: &[(Key, bool)]) -> Action {
+        let event = |&(key, pressed): &(Key, bool)| Event::Key {
+            key,
+            physical_key: None,
+            pressed,
+            repeat: false,
+            modifiers: Modifiers::NONE,
+        };
+        let ctx = Context::default();
+        let input = RawInput { events: keys.iter().map(event).collect(), ..RawInput::default() };
+        drop(ctx.run_ui(input, |ui| hands.hear(ui.ctx(), true)));
+        hands.action()
+    }
+
+    #[test]
+    fn a_tap_within_one_frame_counts_until_the_next() {
+        let mut hands = Hands::default();
+        assert_eq!(after(&mut hands, &[(Key::D, true), (Key::D, false)]).steer, 1.0);
+        assert_eq!(after(&mut hands, &[]).steer, 0.0);
+    }
+
+    #[test]
+    fn a_key_that_is_not_for_driving_moves_nothing() {
+        assert_eq!(after(&mut Hands::default(), &[(Key::N, true)]), Action::default());
     }
 }

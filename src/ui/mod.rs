@@ -142,7 +142,7 @@ impl App {
         world: Result<LoadedWorld, String>,
         session: Option<SessionStore>,
     ) {
-        let out = dataset.join("world_model.safetensors");
+        let out = dataset.with_added_extension("safetensors");
         let fields = &mut self.state.fields;
         fields.insert(Field::Dataset, dataset.display().to_string());
         fields.insert(Field::ModelOut, out.display().to_string());

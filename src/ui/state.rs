@@ -208,6 +208,8 @@ pub(crate) struct Labeling {
     pub speed: f64,
     /// Whether the questions come one at a time.
     pub is_guided: bool,
+    /// When queries are drawn again after one could not be written down, in seconds since the window opened.
+    pub ask_again_at: f64,
     /// Whether the list of answers was asked for.
     pub is_list_open: bool,
     /// What was said to the guided questions so far: whether left is safe, then right.
@@ -235,6 +237,7 @@ impl Default for Labeling {
             is_standing: false,
             speed: NORMAL_SPEED,
             is_guided: false,
+            ask_again_at: 0.0,
             is_list_open: false,
             guided: Vec::new(),
             justification: None,

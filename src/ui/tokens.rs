@@ -27,6 +27,8 @@ pub(crate) struct Tokens {
     pub surface: Color32,
     /// A control on a card.
     pub raised: Color32,
+    /// The place on the rail where one is.
+    pub here: Color32,
     /// The same under the pointer.
     pub hovered: Color32,
     /// Around cards and controls.
@@ -62,6 +64,7 @@ static DARK: Tokens = Tokens {
     rail: rgb(0x10_1215),
     surface: rgb(0x1c_1f24),
     raised: rgb(0x26_2a31),
+    here: rgb(0x26_2a31),
     hovered: rgb(0x30_353e),
     border: rgb(0x2d_323a),
     text: rgb(0xe7_e9ed),
@@ -81,6 +84,7 @@ static LIGHT: Tokens = Tokens {
     rail: rgb(0xec_eef2),
     surface: rgb(0xff_ffff),
     raised: rgb(0xf0_f2f5),
+    here: rgb(0xff_ffff),
     hovered: rgb(0xe4_e8ee),
     border: rgb(0xd9_dde4),
     text: rgb(0x1b_1f26),

@@ -95,7 +95,7 @@ fn controls_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
     ui.horizontal(|ui| {
         ui.spacing_mut().item_spacing.x = 8.0;
         if !deploy.is_on {
-            let drive = KeyButton::new("Drive").key(Key::Enter).tone(Tone::Primary).size(vec2(150.0, 0.0));
+            let drive = KeyButton::new("Drive").key(Key::Enter).tone(Tone::Primary).width(150.0);
             if drive.is_pressed(ui) {
                 commands.push(Command::Drive);
             }

@@ -6,6 +6,7 @@ use crate::ui::command::Command;
 use crate::ui::state::State;
 use crate::ui::tokens::{self, GAP, Tokens};
 use crate::ui::widgets::keycap::{KeyButton, Tone, keycap};
+use crate::ui::widgets::layout::dialog_frame;
 
 type Keys = &'static [(&'static [Key], &'static str)];
 
@@ -37,7 +38,7 @@ const LABELING: Keys = &[
 ];
 
 pub(super) fn help_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
-    let modal = Modal::new(Id::unique("help")).show(ui.ctx(), |ui| {
+    let modal = Modal::new(Id::unique("help")).frame(dialog_frame(ui)).show(ui.ctx(), |ui| {
         ui.set_width(620.0);
         ui.label(tokens::title("Keys"));
         ui.add_space(GAP);

@@ -8,6 +8,7 @@ use eframe::egui::{
 use crate::query::{
     Justification, Preference, Protocol, QueryId, Response, SEGMENT_LEN, SafetyAnswer, SkipReason,
 };
+use crate::session::Session;
 use crate::ui::act::PREFERENCES;
 use crate::ui::command::{Command, Field, Panel};
 use crate::ui::input;
@@ -54,7 +55,7 @@ fn is_list_shown(ui: &Ui, state: &State) -> bool {
 
 /// The room that everything but the clips takes from top to bottom.
 fn around(state: &State) -> f32 {
-    62.0 + 34.0 + rows(state) as f32 * (ANSWER + 8.0) + CONTROL + 14.0
+    70.0 + 34.0 + rows(state) as f32 * (ANSWER + 8.0) + CONTROL + 14.0
 }
 
 /// What is asked now.
@@ -105,33 +106,26 @@ fn query_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
 /// The question, what was said last, and how far one is.
 fn head_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
     let label = &state.label;
-    ui.horizontal(|ui| {
-        ui.label(tokens::title(question(state)));
-        ui.with_layout(Layout::right_to_left(Align::Center), |ui| {
-            ui.spacing_mut().item_spacing.x = 8.0;
-            let tone = if label.is_list_open { Tone::Chosen } else { Tone::Quiet };
-            if KeyButton::new("Answers").key(Key::L).tone(tone).small().is_pressed(ui) {
-                commands.push(Command::ToggleAnswers);
+    ui.label(tokens::title(question(state)));
+    // What was said last stays where the eye is, and its room stays where nothing was said.
+    ui.allocate_ui_with_layout(
+        vec2(ui.available_width(), 28.0),
+        Layout::left_to_right(Align::Center),
+        |ui| {
+            if label.skipped.is_some() {
+                reasons_ui(ui, state.protocol(), commands);
+            } else {
+                ui.label(tokens::muted(ui, label.said.as_deref().unwrap_or(" ")));
             }
-            if state.protocol() == Protocol::Dropj {
-                let tone = if label.is_guided { Tone::Chosen } else { Tone::Quiet };
-                if KeyButton::new("One question at a time").key(Key::G).tone(tone).small().is_pressed(ui) {
-                    commands.push(Command::Guide(!label.is_guided));
-                }
-            }
-        });
-    });
-    ui.horizontal(|ui| {
-        // What was said last stays where the eye is, and its room stays where nothing was said.
-        ui.label(tokens::muted(ui, label.said.as_deref().unwrap_or(" ")));
-        let statistics = state.session().map(|session| session.statistics()).unwrap_or_default();
-        let per_hour = statistics.labels_per_hour().filter(|_| statistics.n_answered >= 3);
-        let per_hour = per_hour.map_or_else(String::new, |n| format!(" · {n:.0} an hour"));
-        let (n_answered, n_skipped) = (statistics.n_answered, statistics.n_skipped);
-        ui.with_layout(Layout::right_to_left(Align::Center), |ui| {
-            ui.label(tokens::small(ui, format!("{n_answered} answered · {n_skipped} skipped{per_hour}")));
-        });
-    });
+            let statistics = state.session().map(Session::statistics).unwrap_or_default();
+            let per_hour = statistics.labels_per_hour().filter(|_| statistics.n_answered >= 3);
+            let per_hour = per_hour.map_or_else(String::new, |n| format!(" · {n:.0} an hour"));
+            let (n_answered, n_skipped) = (statistics.n_answered, statistics.n_skipped);
+            ui.with_layout(Layout::right_to_left(Align::Center), |ui| {
+                ui.label(tokens::small(ui, format!("{n_answered} answered · {n_skipped} skipped{per_hour}")));
+            });
+        },
+    );
     ui.add_space(4.0);
 }
 
@@ -279,22 +273,36 @@ fn foot_ui(ui: &mut Ui, state: &State, shown: Option<QueryId>, commands: &mut Ve
         if KeyButton::new(name).key(Key::F).tone(tone).enabled(shown.is_some()).is_pressed(ui) {
             commands.push(Command::Flag);
         }
-        if state.label.skipped.is_some() {
-            reasons_ui(ui, state.protocol(), commands);
-        }
+        ui.with_layout(Layout::right_to_left(Align::Center), |ui| modes_ui(ui, state, commands));
     });
 }
 
+/// How it is asked, and whether the list of answers is there.
+fn modes_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
+    let label = &state.label;
+    let tone = |is_on| if is_on { Tone::Chosen } else { Tone::Quiet };
+    if KeyButton::new("Answers").key(Key::L).tone(tone(label.is_list_open)).small().is_pressed(ui) {
+        commands.push(Command::ToggleAnswers);
+    }
+    if state.protocol() == Protocol::Dropj {
+        let button = KeyButton::new("One question at a time").key(Key::G).tone(tone(label.is_guided));
+        if button.small().is_pressed(ui) {
+            commands.push(Command::Guide(!label.is_guided));
+        }
+    }
+}
+
+/// Why the last query was skipped, for those who want to say it.
 fn reasons_ui(ui: &mut Ui, protocol: Protocol, commands: &mut Vec<Command>) {
-    ui.add_space(10.0);
-    ui.label(tokens::small(ui, "Skipped because"));
+    ui.spacing_mut().item_spacing.x = 6.0;
+    ui.label(tokens::muted(ui, "Skipped, because it was"));
     let reasons = [
-        ("Hallucinated", Key::Num1, SkipReason::Hallucinated),
-        ("Ambiguous", Key::Num2, SkipReason::Ambiguous),
-        ("Other", Key::Num3, SkipReason::Other),
+        ("hallucinated", Key::Num1, SkipReason::Hallucinated),
+        ("ambiguous", Key::Num2, SkipReason::Ambiguous),
+        ("something else", Key::Num3, SkipReason::Other),
     ];
     for (name, key, reason) in reasons {
-        let button = KeyButton::new(name).tone(Tone::Quiet);
+        let button = KeyButton::new(name).small();
         // Where digits name justifications, they do not name reasons.
         let button = if protocol == Protocol::DropjMulti { button } else { button.key(key) };
         if button.is_pressed(ui) {

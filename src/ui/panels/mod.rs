@@ -51,7 +51,7 @@ pub(super) fn window_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>)
     }
     if state.help_open {
         help::help_ui(ui, state, commands);
-    } else if input::pressed(ui, Key::Questionmark) || input::pressed(ui, Key::F1) {
+    } else if [Key::Questionmark, Key::Slash, Key::F1].into_iter().any(|key| input::pressed(ui, key)) {
         commands.push(Command::ToggleHelp);
     }
 }

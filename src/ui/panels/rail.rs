@@ -104,9 +104,9 @@ fn step_ui(
     let response = response.on_hover_text(format!("Ctrl+{number}"));
     let painter = ui.painter();
     if is_chosen {
-        painter.rect_filled(rect, SMALL_CORNER, tokens.raised);
+        painter.rect_filled(rect, SMALL_CORNER, tokens.here);
     } else if response.hovered() || response.has_focus() {
-        painter.rect_filled(rect, SMALL_CORNER, tokens.raised.gamma_multiply(0.5));
+        painter.rect_filled(rect, SMALL_CORNER, tokens.here.gamma_multiply(0.5));
     }
     let center = pos2(rect.left() + 24.0, rect.center().y);
     if !is_last {
@@ -151,7 +151,7 @@ fn session_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
     let (rect, response) = ui.allocate_exact_size(vec2(ui.available_width(), 54.0), Sense::click());
     response.widget_info(|| WidgetInfo::labeled(Role::Button, true, "Sessions…"));
     let is_hot = response.hovered() || response.has_focus();
-    let fill = if is_hot { tokens.hovered } else { tokens.raised };
+    let fill = if is_hot { tokens.hovered } else { tokens.here };
     ui.painter().rect_filled(rect, CornerRadius::same(8), fill);
     let (name, about) = match (&state.store, state.header()) {
         (Some(store), Some(header)) => {

@@ -19,7 +19,7 @@ const SHAPE: f32 = 600.0 / 480.0;
 const BELOW: f32 = 50.0;
 
 pub(super) fn record_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
-    let about = "Drive the real car and keep what you drove. A world model is shipped already: record only for one of your own.";
+    let about = "Drive the real car and keep what you drove, to fit a world model of your own.";
     heading(ui, "Record", about);
     let main = |ui: &mut Ui, commands: &mut Vec<Command>| stage_ui(ui, state, commands);
     let aside = |ui: &mut Ui, commands: &mut Vec<Command>| aside_ui(ui, state, commands);
@@ -49,7 +49,7 @@ fn stage_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
     ui.horizontal_wrapped(|ui| {
         ui.spacing_mut().item_spacing.x = 8.0;
         if !record.is_on {
-            let button = KeyButton::new("Record").key(Key::Enter).tone(Tone::Primary).size(vec2(150.0, 0.0));
+            let button = KeyButton::new("Record").key(Key::Enter).tone(Tone::Primary).width(150.0);
             if button.is_pressed(ui) {
                 commands.push(Command::StartRecording);
             }

@@ -1,8 +1,9 @@
 //! How well the reward is learned, as far as it was measured.
 
-use eframe::egui::{Color32, CornerRadius, Rect, Role, Sense, Ui, WidgetInfo, vec2};
+use eframe::egui::{Align2, Color32, CornerRadius, FontId, Rect, Role, Sense, Ui, WidgetInfo, vec2};
 use egui_plot::Corner;
 
+use crate::session::Session;
 use crate::ui::act::counted;
 use crate::ui::command::{Command, Panel};
 use crate::ui::state::State;
@@ -44,20 +45,13 @@ fn curves(ui: &mut Ui, state: &State) {
     });
     ui.columns(2, |columns| {
         card(&mut columns[0], |ui| {
-            let curve = Curve { name: "before learning", points: &reward.held_out, color: tokens.lines[0] };
+            let curve = Curve { name: "reward", points: &reward.held_out, color: tokens.lines[0] };
             let level = Some(("knowing nothing", std::f64::consts::LN_2));
-            curves_ui(ui, "Log-loss on answers not yet learned", &[curve], level, Corner::LeftBottom, height);
+            curves_ui(ui, "Log-loss, held out", &[curve], level, Corner::LeftBottom, height);
         });
         card(&mut columns[1], |ui| {
-            let curve = Curve { name: "foretold", points: &reward.agreement, color: tokens.lines[1] };
-            curves_ui(
-                ui,
-                "Answers foretold, by number of answers",
-                &[curve],
-                Some(("chance", 0.5)),
-                Corner::RightBottom,
-                height,
-            );
+            let curve = Curve { name: "reward", points: &reward.agreement, color: tokens.lines[1] };
+            curves_ui(ui, "Answers foretold", &[curve], Some(("chance", 0.5)), Corner::RightBottom, height);
         });
     });
 }
@@ -99,7 +93,7 @@ fn fit_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
 /// How many answers there are of each label.
 fn distribution_ui(ui: &mut Ui, state: &State) {
     let tokens = Tokens::of(ui);
-    let labels = state.session().map(|session| session.labeled()).unwrap_or_default();
+    let labels = state.session().map(Session::labeled).unwrap_or_default();
     let mut counts: std::collections::BTreeMap<i32, usize> = std::collections::BTreeMap::new();
     for labeled in &labels {
         *counts.entry((labeled.label.mu() * 1000.0).round() as i32).or_default() += 1;
@@ -121,7 +115,6 @@ fn bar_ui(ui: &mut Ui, name: &str, side: &str, n: usize, share: f32, color: Colo
     let tokens = Tokens::of(ui);
     let (rect, response) = ui.allocate_exact_size(vec2(ui.available_width(), 34.0), Sense::hover());
     response.widget_info(|| WidgetInfo::labeled(Role::Label, true, format!("{name}, {side}: {n}")));
-    use eframe::egui::{Align2, FontId};
     let font = || FontId::proportional(13.5);
     ui.painter().text(rect.left_top(), Align2::LEFT_TOP, format!("{name}  {side}"), font(), tokens.muted);
     ui.painter().text(rect.right_top(), Align2::RIGHT_TOP, n, font(), tokens.text);

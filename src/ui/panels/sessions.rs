@@ -10,9 +10,10 @@ use crate::ui::state::State;
 use crate::ui::tokens::{self, GAP, Tokens};
 use crate::ui::widgets::field::path_ui;
 use crate::ui::widgets::keycap::{KeyButton, Tone};
+use crate::ui::widgets::layout::dialog_frame;
 
 pub(super) fn sessions_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
-    let modal = Modal::new(Id::unique("sessions")).show(ui.ctx(), |ui| {
+    let modal = Modal::new(Id::unique("sessions")).frame(dialog_frame(ui)).show(ui.ctx(), |ui| {
         ui.set_width(520.0);
         ui.label(tokens::title("Sessions"));
         ui.label(tokens::muted(ui, "A session holds dreams, answers and rewards. It saves itself."));
@@ -51,7 +52,7 @@ fn new_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
         ui.horizontal(|ui| {
             let tone = if protocol == Protocol::Dropj { Tone::Primary } else { Tone::Plain };
             let button = KeyButton::new(protocol.name()).tone(tone).enabled(has_world);
-            if button.size(eframe::egui::vec2(160.0, 0.0)).is_pressed(ui) {
+            if button.width(160.0).is_pressed(ui) {
                 commands.push(Command::NewSession(protocol));
             }
             ui.label(tokens::muted(ui, about));

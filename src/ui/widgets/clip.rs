@@ -1,5 +1,7 @@
 //! Pictures with hard pixels, on the graphics card, and clips of them.
 
+use std::cmp::Ordering;
+
 use eframe::egui::{
     Align2, Color32, ColorImage, Context, CornerRadius, FontId, Rect, Response, Role, Sense, Stroke,
     StrokeKind, TextureHandle, TextureOptions, Ui, Vec2, WidgetInfo, epaint::RectShape, pos2, vec2,
@@ -82,24 +84,21 @@ pub(crate) fn paint_picture(ui: &Ui, picture: Option<&TextureHandle>, rect: Rect
         Rim::Bad => (tokens.bad, 3.0),
         Rim::Accent => (tokens.accent, 3.0),
     };
-    match picture {
-        Some(picture) => {
-            painter.rect_filled(rect, corner, tokens.stage);
-            let shape = picture.size_vec2();
-            let scale = (rect.width() / shape.x).min(rect.height() / shape.y);
-            let inner = Rect::from_center_size(rect.center(), shape * scale);
-            let uv = Rect::from_min_max(pos2(0.0, 0.0), pos2(1.0, 1.0));
-            let is_whole = (inner.size() - rect.size()).abs().max_elem() < 1.0;
-            let corner = if is_whole { corner } else { CornerRadius::ZERO };
-            painter.add(RectShape::filled(inner, corner, Color32::WHITE).with_texture(picture.id(), uv));
-        }
-        None => {
-            painter.rect_filled(rect, corner, tokens.stage);
-            let font = FontId::proportional(14.5);
-            let galley = painter.layout(empty.to_owned(), font, tokens.muted, rect.width() - 32.0);
-            let at = Align2::CENTER_CENTER.anchor_size(rect.center(), galley.size());
-            painter.galley(at.min, galley, tokens.muted);
-        }
+    if let Some(picture) = picture {
+        painter.rect_filled(rect, corner, tokens.stage);
+        let shape = picture.size_vec2();
+        let scale = (rect.width() / shape.x).min(rect.height() / shape.y);
+        let inner = Rect::from_center_size(rect.center(), shape * scale);
+        let uv = Rect::from_min_max(pos2(0.0, 0.0), pos2(1.0, 1.0));
+        let is_whole = (inner.size() - rect.size()).abs().max_elem() < 1.0;
+        let corner = if is_whole { corner } else { CornerRadius::ZERO };
+        painter.add(RectShape::filled(inner, corner, Color32::WHITE).with_texture(picture.id(), uv));
+    } else {
+        painter.rect_filled(rect, corner, tokens.stage);
+        let font = FontId::proportional(14.5);
+        let galley = painter.layout(empty.to_owned(), font, tokens.muted, rect.width() - 32.0);
+        let at = Align2::CENTER_CENTER.anchor_size(rect.center(), galley.size());
+        painter.galley(at.min, galley, tokens.muted);
     }
     painter.rect_stroke(rect, corner, Stroke::new(width, color), StrokeKind::Outside);
 }
@@ -117,12 +116,10 @@ pub(crate) fn timeline_ui(ui: &mut Ui, frame: usize, n: usize, width: f32) -> Re
             pos2(rect.left() + i as f32 * step + 1.0, rect.center().y - 2.0),
             vec2((step - 2.0).max(1.0), 4.0),
         );
-        let color = if i == frame {
-            tokens.accent
-        } else if i < frame {
-            tokens.faint
-        } else {
-            tokens.border
+        let color = match i.cmp(&frame) {
+            Ordering::Equal => tokens.accent,
+            Ordering::Less => tokens.faint,
+            Ordering::Greater => tokens.border,
         };
         ui.painter().rect_filled(tick, CornerRadius::same(2), color);
     }

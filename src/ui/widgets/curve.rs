@@ -28,7 +28,7 @@ pub(crate) fn curves_ui(
     height: f32,
 ) {
     let tokens = Tokens::of(ui);
-    ui.label(RichText::new(heading).color(tokens.muted));
+    ui.horizontal(|ui| ui.label(RichText::new(heading).color(tokens.muted)));
     if curves.iter().all(|curve| curve.points.len() < 2) {
         ui.allocate_ui(eframe::egui::vec2(ui.available_width(), height), |ui| {
             ui.set_min_height(height);

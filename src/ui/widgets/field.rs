@@ -48,7 +48,7 @@ fn edit_ui(
 ) {
     let mut text = state.field(field).to_owned();
     let edit =
-        TextEdit::singleline(&mut text).desired_width(width).margin(eframe::egui::Margin::symmetric(8, 7));
+        TextEdit::singleline(&mut text).desired_width(width).margin(eframe::egui::Margin::symmetric(8, 8));
     if ui.add(edit).labelled_by(label).changed() {
         commands.push(Command::Edit(field, text));
     }

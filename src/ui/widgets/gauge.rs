@@ -69,6 +69,8 @@ pub(crate) fn row_color_ui(ui: &mut Ui, name: &str, value: impl Into<String>, co
     let (rect, response) = ui.allocate_exact_size(vec2(ui.available_width(), 21.0), Sense::hover());
     response.widget_info(|| WidgetInfo::labeled(Role::Label, true, format!("{name} {value}")));
     let font = || FontId::proportional(13.5);
-    ui.painter().text(rect.left_center(), Align2::LEFT_CENTER, name, font(), tokens.muted);
-    ui.painter().text(rect.right_center(), Align2::RIGHT_CENTER, value, font(), color);
+    let named = ui.painter().text(rect.left_center(), Align2::LEFT_CENTER, name, font(), tokens.muted);
+    // What is too long for the row is cut at its left, where it is least missed.
+    let painter = ui.painter().with_clip_rect(rect.with_min_x(named.right() + 10.0));
+    painter.text(rect.right_center(), Align2::RIGHT_CENTER, value, font(), color);
 }

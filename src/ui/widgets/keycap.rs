@@ -73,6 +73,12 @@ impl<'a> KeyButton<'a> {
         self
     }
 
+    /// At least so wide.
+    pub(crate) fn width(mut self, width: f32) -> Self {
+        self.size.x = width;
+        self
+    }
+
     /// As wide as there is room.
     pub(crate) fn wide(mut self, ui: &Ui) -> Self {
         self.size.x = ui.available_width();
@@ -130,7 +136,7 @@ impl<'a> KeyButton<'a> {
                 StrokeKind::Inside,
             );
         }
-        let left = rect.center().x - (galley.size().x + cap_width) / 2.0;
+        let left = rect.center().x - f32::midpoint(galley.size().x, cap_width);
         let text_at = pos2(left, rect.center().y - galley.size().y / 2.0);
         let after = left + galley.size().x + gap;
         ui.painter().galley(text_at, galley, color);

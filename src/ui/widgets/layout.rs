@@ -20,6 +20,11 @@ pub(crate) fn card<R>(ui: &mut Ui, contents: impl FnOnce(&mut Ui) -> R) -> R {
     shown.inner
 }
 
+/// The frame of a dialog.
+pub(crate) fn dialog_frame(ui: &Ui) -> Frame {
+    Frame::window(ui.style()).inner_margin(Margin::same(24))
+}
+
 /// A card with a heading.
 pub(crate) fn titled_card<R>(ui: &mut Ui, heading: &str, contents: impl FnOnce(&mut Ui) -> R) -> R {
     card(ui, |ui| {
@@ -56,7 +61,7 @@ pub(crate) fn with_side<S>(
     let left = Rect::from_min_max(all.min, pos2(middle - 2.0 * GAP, all.bottom()));
     let right = Rect::from_min_max(pos2(middle, all.top()), all.max);
     ui.scope_builder(UiBuilder::new().max_rect(left).layout(Layout::top_down(Align::Min)), |ui| {
-        main(ui, state)
+        main(ui, state);
     });
     ui.scope_builder(UiBuilder::new().max_rect(right).layout(Layout::top_down(Align::Min)), |ui| {
         ScrollArea::vertical().id_salt("aside").auto_shrink([false, false]).show(ui, |ui| {
