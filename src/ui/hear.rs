@@ -60,7 +60,7 @@ impl App {
         }
         let is_covered = self.state.help_open || self.state.sessions_open || ctx.text_edit_focused();
         let is_driving = self.state.is_driving() && !is_covered;
-        self.hands.hear(ctx, is_driving);
+        ctx.input(|input| self.hands.hear(&input.events, input.focused, is_driving));
         if self.state.is_driving() {
             let action = if is_driving { self.hands.action() } else { crate::env::Action::default() };
             self.state.dream.action = action;

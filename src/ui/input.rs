@@ -163,14 +163,13 @@ pub(crate) struct Hands {
 
 impl Hands {
     /// Takes in the key events of a frame; `is_driving` says whether keys drive now.
-    pub(crate) fn hear(&mut self, ctx: &Context, is_driving: bool) {
+    pub(crate) fn hear(&mut self, events: &[Event], has_focus: bool, is_driving: bool) {
         for key in std::mem::take(&mut self.tapped) {
             self.keys.set(key, false);
         }
-        let (events, has_focus) = ctx.input(|input| (input.events.clone(), input.focused));
         let mut went_down = Vec::new();
         for event in events {
-            match event {
+            match *event {
                 Event::Key { key, pressed: true, modifiers, .. } if is_driving && !modifiers.command => {
                     if let Some(key) = driving_key(key) {
                         self.keys.set(key, true);
@@ -261,7 +260,7 @@ fn is_press(event: &Event, wanted: Key) -> bool {
 
 #[cfg(test)]
 mod tests {
-    use eframe::egui::{Modifiers, RawInput};
+    use eframe::egui::Modifiers;
 
     use super::*;
 
@@ -274,9 +273,8 @@ mod tests {
             repeat: false,
             modifiers: Modifiers::NONE,
         };
-        let ctx = Context::default();
-        let input = RawInput { events: keys.iter().map(event).collect(), ..RawInput::default() };
-        drop(ctx.run_ui(input, |ui| hands.hear(ui.ctx(), true)));
+        let events: Vec<_> = keys.iter().map(event).collect();
+        hands.hear(&events, true, true);
         hands.action()
     }
 

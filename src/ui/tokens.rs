@@ -92,11 +92,11 @@ static LIGHT: Tokens = Tokens {
     faint: rgb(0x72_7b89),
     accent: rgb(0x2a_62c9),
     on_accent: rgb(0xff_ffff),
-    good: rgb(0x1a_7f52),
-    warn: rgb(0x9a_5d0f),
-    bad: rgb(0xba_3636),
+    good: rgb(0x16_7148),
+    warn: rgb(0x8f_560c),
+    bad: rgb(0xb0_3030),
     stage: rgb(0xe2_e5ea),
-    lines: [rgb(0x2a_62c9), rgb(0x1a_7f52), rgb(0xb0_6b12)],
+    lines: [rgb(0x2a_62c9), rgb(0x16_7148), rgb(0xb0_6b12)],
 };
 
 impl Tokens {

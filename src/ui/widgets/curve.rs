@@ -1,6 +1,6 @@
 //! Curves over time.
 
-use eframe::egui::{Color32, FontId, RichText, Ui, Vec2b};
+use eframe::egui::{Color32, FontId, Rangef, RichText, Ui, Vec2b};
 use egui_plot::{Corner, HLine, Legend, Line, Plot, PlotPoints};
 
 use crate::ui::tokens::{self, Tokens};
@@ -48,6 +48,7 @@ pub(crate) fn curves_ui(
         .auto_bounds(Vec2b::TRUE)
         .include_y(0.0)
         .grid_color(tokens.border)
+        .grid_spacing(Rangef::new(18.0, 160.0))
         .show_x(false);
     if curves.len() > 1 || level.is_some() {
         plot = plot.legend(legend);
