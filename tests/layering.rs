@@ -287,8 +287,8 @@ fn comments_and_quotes_name_nothing() {
         "/// [`crate::ui`]\nfn f() {}",
         "/* /* crate::ui */ crate::ui */",
         r#"let s = "crate::ui \" crate::ui";"#,
-        r###"let s = r#"crate::ui " crate::ui"#;"###,
-        r##"let s = br"crate::ui\";"##,
+        r##"let s = r#"crate::ui " crate::ui"#;"##,
+        r#"let s = br"crate::ui\";"#,
     ] {
         assert_eq!(faults_in("env.rs", silent), [""; 0], "{silent}");
     }
