@@ -300,7 +300,7 @@ fn comments_and_quotes_name_nothing() {
         r"let quote = '\u{22}'; crate::ui::f();",
         "let quote = '\"'; crate::ui::f('\"');",
         "fn f<'a>(x: &'a crate::ui::X) -> &'a str {}",
-        r##"for r in r#""#.chars() { crate::ui::f() }"##,
+        "for r in r#\"\"#.chars() { crate::ui::f() }",
     ] {
         assert_eq!(faults_in("env.rs", telling).len(), 1, "{telling}");
     }
