@@ -2,7 +2,7 @@
 //!
 //! # The four steps of DROPJ
 //!
-//! 1. [`world_model`] learns to observe, imagine and decode what [`env`] shows.
+//! 1. [`world_model`] learns to observe, imagine and decode what [`env`](mod@env) shows.
 //! 2. In a [`dream`] the user drives inside that model.
 //! 3. A [`query`] shows two segments of dreams; answers become labels, and labels a [`reward`].
 //! 4. A [`planner`] drives the real car by imagining ahead, and [`evaluation`] says how well.
@@ -14,7 +14,7 @@
 //!
 //! | module | owns | invariant |
 //! |---|---|---|
-//! | [`env`] | physics, tracks, drawing, reward events | knows no tensor; a seed and the actions decide everything |
+//! | [`env`](mod@env) | physics, tracks, drawing, reward events | knows no tensor; a seed and the actions decide everything |
 //! | [`tensor`] | rank checks, initialization, conversions | the only place that copies between Rust memory and torch |
 //! | [`dataset`] | real episodes on disk: journal, sealed files, streaming reads | memory stays flat however many episodes |
 //! | [`world_model`] | VAE, MDN-RNN, their fitting | knows no window or clock; the only place that knows the order `[z \| c \| h]` |
