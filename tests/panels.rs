@@ -604,3 +604,14 @@ fn has_adapter() -> bool {
     }
     has_one
 }
+
+#[test]
+fn what_a_key_changes_is_drawn_without_waiting_for_another() {
+    let dir = tempfile::tempdir().unwrap();
+    let (mut harness, _) = window(dir.path(), None, vec2(1280.0, 800.0), false);
+    harness.run_steps(5);
+    harness.key_down(Key::Questionmark);
+    harness.step();
+    let delay = harness.output().viewport_output.values().map(|viewport| viewport.repaint_delay).min();
+    assert_eq!(delay, Some(std::time::Duration::ZERO), "a picture of what changed is asked for");
+}

@@ -201,6 +201,10 @@ impl eframe::App for App {
         input::set_live(ui.ctx(), !is_covered);
         let mut commands = Vec::new();
         panels::window_ui(ui, &self.state, &mut commands);
+        if !commands.is_empty() {
+            // What they change is seen in the next picture only.
+            ui.ctx().request_repaint();
+        }
         for command in commands {
             self.act(ui.ctx(), command);
         }

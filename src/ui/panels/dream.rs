@@ -87,13 +87,15 @@ fn driving_ui(ui: &mut Ui, state: &State, is_paused: bool, commands: &mut Vec<Co
             (KeyButton::new("Keep").key(Key::N).tone(Tone::Primary).enabled(!is_ending), Command::KeepDream),
             (KeyButton::new("Unsafe now").key(Key::U), Command::MarkUnsafe),
             (KeyButton::new(if is_paused { "Go on" } else { "Pause" }).key(Key::P), Command::PauseDream),
-            (KeyButton::new("Step").key(Key::Period).enabled(is_paused), Command::StepDream),
             (KeyButton::new("Redo").key(Key::R), Command::RedoDream),
             (KeyButton::new("Leave").key(Key::Escape).tone(Tone::Quiet), Command::LeaveDream),
         ] {
             if button.is_pressed(ui) {
                 commands.push(command);
             }
+        }
+        if is_paused && KeyButton::new("Step").key(Key::Period).is_pressed(ui) {
+            commands.push(Command::StepDream);
         }
     });
 }
