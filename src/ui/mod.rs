@@ -19,7 +19,7 @@ use std::sync::mpsc::Receiver;
 use std::time::Duration;
 
 use eframe::egui::{self, Context, ThemePreference, ViewportBuilder};
-use eframe::{CreationContext, egui_wgpu, wgpu};
+use eframe::{CreationContext, wgpu};
 
 use crate::session::SessionStore;
 use crate::tensor::Parameters;
@@ -91,17 +91,17 @@ pub fn run(startup: Startup) -> Result<(), String> {
 
 /// What to tell somebody whose window did not open.
 fn sentence(error: &eframe::Error) -> String {
-    let way = "everything but the window also works from the command line: see `dropj --help`";
-    match error {
+    log::info!("no window: {error}");
+    let why = match error {
         eframe::Error::Winit(_) | eframe::Error::WinitEventLoop(_) => {
-            format!("cannot open a window, for there is no display ({error}); {way}")
+            "cannot open a window, for no display answers (is DISPLAY or WAYLAND_DISPLAY set?)".to_owned()
         }
-        eframe::Error::Wgpu(egui_wgpu::WgpuError::RequestAdapterError(_)) => format!(
-            "cannot draw a window, for there is neither a graphics card nor a software renderer ({error}); \
-             on Debian and Ubuntu `apt install mesa-vulkan-drivers` brings one; {way}"
-        ),
-        _ => format!("cannot open the window ({error}); {way}"),
-    }
+        eframe::Error::Wgpu(_) => "cannot draw a window, for there is neither a graphics card nor a software \
+                                   renderer (on Debian and Ubuntu `apt install mesa-vulkan-drivers` brings one)"
+            .to_owned(),
+        _ => format!("cannot open the window ({error})"),
+    };
+    format!("{why}; all but the window works from the command line: see `dropj --help`")
 }
 
 impl App {
@@ -212,5 +212,18 @@ impl eframe::App for App {
 
     fn on_exit(&mut self) {
         self.leave();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use eframe::egui_wgpu::WgpuError;
+
+    use super::*;
+
+    #[test]
+    fn who_cannot_have_a_window_is_told_a_way_on() {
+        let said = sentence(&eframe::Error::Wgpu(WgpuError::NoSurfaceFormatsAvailable));
+        assert!(said.contains("mesa-vulkan-drivers") && said.contains("dropj --help"), "{said}");
     }
 }
