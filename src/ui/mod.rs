@@ -99,7 +99,7 @@ fn sentence(error: &eframe::Error) -> String {
         eframe::Error::Wgpu(_) => "cannot draw a window, for there is neither a graphics card nor a software \
                                    renderer (on Debian and Ubuntu `apt install mesa-vulkan-drivers` brings one)"
             .to_owned(),
-        _ => format!("cannot open the window ({error})"),
+        eframe::Error::AppCreation(_) => format!("cannot open the window ({error})"),
     };
     format!("{why}; all but the window works from the command line: see `dropj --help`")
 }
