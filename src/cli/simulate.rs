@@ -60,6 +60,9 @@ struct Knobs {
     /// Share of preferences that are turned round
     #[arg(long)]
     eps_mistake: Option<f64>,
+    /// What a step at the edge of the road costs, in tiles
+    #[arg(long)]
+    care: Option<f32>,
     /// Doubt above which a query is skipped
     #[arg(long)]
     eps_skip: Option<f32>,
@@ -78,6 +81,7 @@ impl Knobs {
             beta: self.beta.or(careful.beta),
             gamma: self.gamma.unwrap_or(careful.gamma),
             eps_mistake: self.eps_mistake.unwrap_or(careful.eps_mistake),
+            care: self.care.unwrap_or(careful.care),
             eps_skip: self.eps_skip.or(careful.eps_skip),
             eps_equal: self.eps_equal.unwrap_or(careful.eps_equal),
             eps_safety: self.eps_safety.unwrap_or(careful.eps_safety),

@@ -134,7 +134,7 @@ impl Trainer {
         Figures::of(&self.foretold)
     }
 
-    /// Fits a fresh ensemble to all answers, as the authors do: no validation split, a fixed number of epochs.
+    /// Fits a fresh ensemble to all answers, as the authors do: no validation split, a fixed number of steps.
     ///
     /// Stops early, keeping what it has, where `on_epoch` breaks.
     pub fn fit(
@@ -143,7 +143,8 @@ impl Trainer {
         mut on_epoch: impl FnMut(&EpochReport) -> ControlFlow<()>,
     ) -> ControlFlow<()> {
         self.begin_anew(rng);
-        let n_epochs = self.ensemble.config.epochs;
+        let RewardConfig { updates, batch, .. } = self.ensemble.config;
+        let n_epochs = updates.div_ceil(self.pairs.len().div_ceil(batch).max(1));
         for epoch in 1..=n_epochs {
             on_epoch(&EpochReport { epoch, n_epochs, losses: self.epoch(rng) })?;
         }
@@ -336,7 +337,7 @@ mod tests {
 
     #[test]
     fn a_small_ensemble_learns_eight_answers_by_heart() {
-        let mut trainer = trainer(RewardConfig { epochs: 60, ..RewardConfig::tiny() });
+        let mut trainer = trainer(RewardConfig { updates: 120, ..RewardConfig::tiny() });
         let mut last = Vec::new();
         let done = trainer.fit(&mut rng(1), |report| {
             last.clone_from(&report.losses);

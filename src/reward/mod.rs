@@ -29,8 +29,8 @@ pub struct RewardConfig {
     pub hidden: i64,
     /// How many hidden layers there are. Paper: 3.
     pub layers: usize,
-    /// How often a fit goes through all labels. Authors' code: 60 for Car Racing, 40 with obstacles.
-    pub epochs: usize,
+    /// Steps of Adam in a fit, rounded up to whole passes through all labels.
+    pub updates: usize,
     /// Labels in a batch. Paper: 128.
     pub batch: usize,
     /// Adam's step. Paper: 3e-4.
@@ -40,17 +40,19 @@ pub struct RewardConfig {
 impl RewardConfig {
     /// The paper's ensemble for Car Racing: 272 129 parameters a member.
     pub fn car_racing() -> Self {
-        Self { members: 3, hidden: 256, layers: 3, epochs: 60, batch: 128, learning_rate: 3e-4 }
+        // DIFFERENCE: the authors' code goes through all labels 60 times, 180 updates for their 342 labels. Ours foretell
+        // held-out answers best after about 60 updates, and drive best after half of that: see `evaluation` in the README.
+        Self { members: 3, hidden: 256, layers: 3, updates: 32, batch: 128, learning_rate: 3e-4 }
     }
 
-    /// The paper's ensemble for Obstacle Car Racing, which is fitted for 40 epochs.
+    /// The paper's ensemble for Obstacle Car Racing, where the authors' code goes through all labels 40 times.
     pub fn obstacle_car_racing() -> Self {
-        Self { epochs: 40, ..Self::car_racing() }
+        Self::car_racing()
     }
 
     /// A toy for tests.
     pub fn tiny() -> Self {
-        Self { members: 2, hidden: 16, layers: 2, epochs: 20, batch: 4, learning_rate: 1e-2 }
+        Self { members: 2, hidden: 16, layers: 2, updates: 40, batch: 4, learning_rate: 1e-2 }
     }
 }
 

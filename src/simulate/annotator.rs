@@ -11,6 +11,8 @@ use crate::query::{Justification, Preference, Protocol, Response, SafetyAnswer, 
 
 /// Length of a tile in units.
 const TILE: f32 = 3.5;
+/// Where the car, keeping its middle to the middle of the road, has a wheel at the edge, in units.
+const EDGE: f32 = 6.0;
 /// A step off the road costs this part of what a new tile pays: −1 against +10 (method §12).
 const UNSAFE_COST: f32 = 0.1;
 /// In so many pictures the car must be seen off the road; one alone may be a flaw of the picture.
@@ -23,6 +25,8 @@ pub struct Judgement {
     pub off_road: Vec<f32>,
     /// Tiles passed in each step: velocity along the road, backwards counting nothing.
     pub tiles: Vec<f32>,
+    /// How near the edge the car is, picture by picture: the square of its way from the middle, where 1 is the edge.
+    pub nearness: Vec<f32>,
     /// How much the car jumps: root mean square of its moves across the road that its motion does not explain, in units.
     pub doubt: f32,
 }
@@ -39,6 +43,7 @@ impl Judgement {
         Self {
             off_road: sights.iter().map(|sight| sight.off_road).collect(),
             tiles: sights.iter().map(|sight| sight.road_velocity[0].max(0.0) * secs / TILE).collect(),
+            nearness: sights.iter().map(|sight| (sight.lateral / EDGE).powi(2)).collect(),
             doubt: (jumps.map(|jump| jump * jump).sum::<f32>() / n_jumps).sqrt(),
         }
     }
@@ -48,15 +53,22 @@ impl Judgement {
         self.off_road.iter().filter(|chance| **chance > 0.5).count() < N_OFF
     }
 
-    /// Tiles passed, steps of the past counting `gamma` times less than the next.
-    pub fn progress(&self, gamma: f32) -> f32 {
-        self.tiles.iter().fold(0.0, |sum, tiles| gamma * sum + tiles)
+    /// What the driving is worth in tiles: those passed, less `care` for each step at the edge.
+    ///
+    /// Steps of the past count `gamma` times less than the next.
+    pub fn worth(&self, gamma: f32, care: f32) -> f32 {
+        self.steps(care).fold(0.0, |sum, (worth, _)| gamma * sum + worth)
     }
 
-    /// The return in units of a tile's reward: off the road no tile pays, and each step costs.
-    pub fn payoff(&self, gamma: f32) -> f32 {
-        let steps = self.tiles.iter().zip(&self.off_road);
-        steps.fold(0.0, |sum, (tiles, off)| gamma * sum + if *off > 0.5 { -UNSAFE_COST } else { *tiles })
+    /// The same where off the road no tile pays, and each step costs.
+    pub fn payoff(&self, gamma: f32, care: f32) -> f32 {
+        self.steps(care).fold(0.0, |sum, (worth, off)| gamma * sum + if off { -UNSAFE_COST } else { worth })
+    }
+
+    /// What each step is worth on the road, and whether it is off it.
+    fn steps(&self, care: f32) -> impl Iterator<Item = (f32, bool)> {
+        let worths = self.tiles.iter().zip(&self.nearness).map(move |(tiles, near)| tiles - care * near);
+        worths.zip(self.off_road.iter().map(|chance| *chance > 0.5))
     }
 }
 
@@ -72,6 +84,8 @@ pub struct Annotator {
     pub eps_mistake: f64,
     /// A query is left where a clip's doubt is above this, in units; nothing means that none is.
     pub eps_skip: Option<f32>,
+    /// What a step at the very edge of the road costs, in tiles: whoever drives there is about to leave it.
+    pub care: f32,
     /// Clips are equal where they differ by less than this, in tiles.
     pub eps_equal: f32,
     /// Probability of mistaking a safe clip for an unsafe one, or an unsafe one for a safe one.
@@ -79,12 +93,13 @@ pub struct Annotator {
 }
 
 impl Annotator {
-    /// Makes no mistake, and differences below a third of a tile escape it.
+    /// Makes no mistake, keeps away from the edge, and differences below a third of a tile escape it.
     pub fn careful() -> Self {
         Self {
             beta: None,
             gamma: 1.0,
             eps_mistake: 0.0,
+            care: 0.4,
             eps_skip: Some(1.5),
             eps_equal: 0.3,
             eps_safety: 0.0,
@@ -113,8 +128,8 @@ impl Annotator {
         if self.eps_skip.is_some_and(|most| left.doubt.max(right.doubt) > most) {
             return Response::Skipped(Some(SkipReason::Hallucinated));
         }
-        let payoffs = [left, right].map(|clip| clip.payoff(self.gamma));
-        let progress = [left, right].map(|clip| clip.progress(self.gamma));
+        let payoffs = [left, right].map(|clip| clip.payoff(self.gamma, self.care));
+        let worths = [left, right].map(|clip| clip.worth(self.gamma, self.care));
         let [left_safe, right_safe] =
             [left.is_safe() != luck.misjudges[0], right.is_safe() != luck.misjudges[1]];
         match protocol {
@@ -127,14 +142,14 @@ impl Annotator {
                 (true, false) => SafetyAnswer::OnlyLeft,
                 (false, true) => SafetyAnswer::OnlyRight,
                 (false, false) => SafetyAnswer::Neither,
-                (true, true) => SafetyAnswer::Both(self.prefer(progress, luck)),
+                (true, true) => SafetyAnswer::Both(self.prefer(worths, luck)),
             }),
             // Grass is the most severe justification of Car Racing, the default comes after it.
             Protocol::DropjMulti => match (left_safe, right_safe) {
                 (true, false) => Response::Justified(Justification(0), Preference::Left),
                 (false, true) => Response::Justified(Justification(0), Preference::Right),
                 (false, false) => Response::Justified(Justification(0), Preference::Equal),
-                (true, true) => Response::Justified(Justification(1), self.prefer(progress, luck)),
+                (true, true) => Response::Justified(Justification(1), self.prefer(worths, luck)),
             },
         }
     }
@@ -190,10 +205,26 @@ mod tests {
     }
 
     #[test]
-    fn progress_is_the_way_in_tiles() {
-        assert!((clip(35.0, 0).progress(1.0) - 4.0).abs() < 1e-5, "35 units a second for 0.4 seconds");
-        assert!((clip(35.0, 10).payoff(1.0) - (2.0 - 1.0)).abs() < 1e-5, "half of it off the road");
-        assert!(clip(35.0, 0).progress(0.5) < 0.5, "a myopic one counts the last steps");
+    fn driving_is_worth_the_way_in_tiles() {
+        assert!((clip(35.0, 0).worth(1.0, 0.4) - 4.0).abs() < 1e-5, "35 units a second for 0.4 seconds");
+        assert!((clip(35.0, 10).payoff(1.0, 0.4) - (2.0 - 1.0)).abs() < 1e-5, "half of it off the road");
+        assert!(clip(35.0, 0).worth(0.5, 0.4) < 0.5, "a myopic one counts the last steps");
+    }
+
+    #[test]
+    fn whoever_cares_prefers_the_middle_of_the_road_to_a_little_more_speed() {
+        let along = |speed, lateral| {
+            let sight = Sight { lateral, road_velocity: [speed, 0.0], ..Sight::default() };
+            Judgement::of(&[sight; 20])
+        };
+        let clips = [&along(30.0, 0.5), &along(40.0, 4.5)];
+        let careless = Annotator { care: 0.0, ..Annotator::careful() };
+
+        assert_eq!(answer(careless, Protocol::Drope, clips), Response::Preferred(Preference::Right));
+        assert_eq!(
+            answer(Annotator::careful(), Protocol::Drope, clips),
+            Response::Preferred(Preference::Left)
+        );
     }
 
     #[test]
