@@ -43,7 +43,9 @@ fn a_car_that_learned_from_answers_stays_on_the_road_better_than_one_that_did_no
             let (frame, action) = (env.frame(), wander(t, &mut held, rng));
             let outcome = env.advance(action);
             let (reward, grass) = (outcome.reward, outcome.events.grass);
-            recording.push(&StepRecord { frame, action, reward, grass, wall_time_ns: 0 }).unwrap();
+            recording
+                .push(&StepRecord { frame, action, reward, grass, contacts: None, wall_time_ns: 0 })
+                .unwrap();
         }
         dataset.seal(recording, &env.frame(), true).unwrap();
     }

@@ -10,6 +10,8 @@ use dropj::run::{Run, write_whole};
 use dropj::world_model::WorldModelConfig;
 use dropj::world_model::fit::{FitConfig, Progress, fit_world};
 
+use super::EnvName;
+
 #[derive(Debug, clap::Args)]
 pub(crate) struct Options {
     /// The folder of recorded episodes
@@ -18,6 +20,9 @@ pub(crate) struct Options {
     /// The file to write; checkpoints and metrics go into a folder beside it
     #[arg(long)]
     out: PathBuf,
+    /// The networks' sizes; if not given, what suits the recorded world on this kind of machine
+    #[arg(long, value_enum)]
+    preset: Option<Preset>,
     /// Go on from the last checkpoint
     #[arg(long)]
     resume: bool,
@@ -35,10 +40,38 @@ pub(crate) struct Options {
     mdn_rnn_epochs: Option<usize>,
 }
 
+#[derive(Clone, Copy, Debug, clap::ValueEnum)]
+enum Preset {
+    /// The paper's for Car Racing: frames of 84 pixels, 3.8 million parameters
+    CarRacing,
+    /// The paper's for Obstacle Car Racing: frames of 128 pixels, 31 million parameters
+    ObstacleCarRacing,
+    /// Smaller ones for Obstacle Car Racing: 2.8 million parameters
+    ObstacleCompact,
+}
+
+impl Preset {
+    fn config(self) -> WorldModelConfig {
+        match self {
+            Self::CarRacing => WorldModelConfig::car_racing(),
+            Self::ObstacleCarRacing => WorldModelConfig::obstacle_car_racing(),
+            Self::ObstacleCompact => WorldModelConfig::obstacle_compact(),
+        }
+    }
+}
+
 pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
     tch::set_num_threads(options.threads);
     let dataset = Dataset::open(&options.data)?;
-    let config = WorldModelConfig::car_racing();
+    let env = dataset.env().unwrap_or_default();
+    let suited = if env == EnvName::CarRacing.name() { Preset::CarRacing } else { Preset::ObstacleCompact };
+    let config = WorldModelConfig { env: env.to_owned(), ..options.preset.unwrap_or(suited).config() };
+    anyhow::ensure!(
+        dataset.side().map(i64::from) == Some(config.vae.side),
+        "these networks see frames of {0} x {0} pixels, and those of the recordings are others; \
+         choose another --preset",
+        config.vae.side
+    );
     let mut fit = FitConfig { seed: options.seed, ..FitConfig::car_racing() };
     fit.vae.max_epochs = options.vae_epochs.unwrap_or(fit.vae.max_epochs);
     fit.mdn_rnn.max_epochs = options.mdn_rnn_epochs.unwrap_or(fit.mdn_rnn.max_epochs);

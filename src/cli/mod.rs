@@ -14,6 +14,7 @@ mod trace;
 mod window;
 
 use clap::{Parser, Subcommand, ValueEnum};
+use dropj::env::{Aids, CarRacing, Env, ObstacleCarRacing, Obstacles, Seed};
 
 /// Safe reward learning from a person who drives in a dream and says what they prefer, and why.
 #[derive(Debug, Parser)]
@@ -57,6 +58,20 @@ enum EnvName {
 }
 
 impl EnvName {
+    /// The world itself; where there are obstacles, `aids` may help the driver.
+    fn open(self, aids: Aids) -> Box<dyn Env> {
+        let seed = Seed::Native(0);
+        match self {
+            Self::CarRacing => Box::new(CarRacing::new(seed)),
+            Self::ObstacleCarRacing => {
+                Box::new(ObstacleCarRacing::new(seed, Obstacles::ChuckholesAndCars, aids))
+            }
+            Self::ObstacleCarRacingChuckholes => {
+                Box::new(ObstacleCarRacing::new(seed, Obstacles::Chuckholes, aids))
+            }
+        }
+    }
+
     fn name(self) -> &'static str {
         match self {
             Self::CarRacing => "car-racing",

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use std::time::Instant;
 
 use dropj::dataset::Dataset;
-use dropj::env::{CarRacing, Env, Seed};
+use dropj::env::Aids;
 use dropj::simulate::record::record;
 
 use super::EnvName;
@@ -40,11 +40,10 @@ enum Pilot {
 
 pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
     let Pilot::Scripted = options.pilot;
-    anyhow::ensure!(options.env == EnvName::CarRacing, "only car-racing can be recorded so far");
-    let mut env: Box<dyn Env> = Box::new(CarRacing::new(Seed::Native(0)));
+    let mut env = options.env.open(Aids::NONE);
     let mut dataset = Dataset::create_or_open(&options.out, options.env.name())?;
     let started = Instant::now();
-    let (mut n_steps, mut n_grass, mut n_episodes) = (0, 0, 0);
+    let (mut n_steps, mut n_grass, mut n_chuckhole, mut n_car, mut n_episodes) = (0, 0, 0, 0, 0);
     record(
         &mut *env,
         &mut dataset,
@@ -53,23 +52,35 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
         |recorded| {
             n_steps += recorded.n_steps;
             n_grass += recorded.n_grass;
+            n_chuckhole += recorded.n_chuckhole;
+            n_car += recorded.n_car;
             n_episodes += 1;
             let rate = n_steps as f64 / started.elapsed().as_secs_f64();
             eprintln!(
-                "episode {}: {} steps, return {:.0}, {:.0} % grass ({rate:.0} steps/s)",
+                "episode {}: {} steps, return {:.0}, {:.0} % grass, {} steps in chuckholes, {} at cars \
+                 ({rate:.0} steps/s)",
                 recorded.k,
                 recorded.n_steps,
                 recorded.ret,
-                100.0 * recorded.n_grass as f64 / recorded.n_steps as f64
+                percent(recorded.n_grass, recorded.n_steps),
+                recorded.n_chuckhole,
+                recorded.n_car
             );
             ControlFlow::Continue(())
         },
     )?;
     println!(
-        "{n_episodes} episodes of {n_steps} steps recorded, {:.1} % of them on the grass; {} in all in {:?}",
-        100.0 * f64::from(n_grass as u32) / f64::from((n_steps as u32).max(1)),
+        "{n_episodes} episodes of {n_steps} steps recorded, {:.1} % of them on the grass, {:.1} % in chuckholes, \
+         {:.1} % at other cars; {} in all in {:?}",
+        percent(n_grass, n_steps),
+        percent(n_chuckhole, n_steps),
+        percent(n_car, n_steps),
         dataset.n_episodes(),
         options.out
     );
     Ok(())
+}
+
+fn percent(n: usize, of: usize) -> f64 {
+    100.0 * n as f64 / of.max(1) as f64
 }

@@ -3,9 +3,10 @@
 //! ```text
 //! journal/00001767225600123456789.journal
 //!   "dropj journal 1\n", then records: length u32, the first 8 bytes of the SHA-256, payload
-//!   payload: 'I' info as JSON · 'S' wall clock i64, action 3 f32, reward f32, grass u8, PNG · 'E' done u8, PNG
+//!   payload: 'I' info as JSON · 'S' wall clock i64, action 3 f32, reward f32, touched u8, PNG · 'E' done u8, PNG
 //! ```
 //!
+//! The bits of what was touched, from the lowest: grass, chuckhole, car, whether the world has the latter two.
 //! Numbers are little-endian. A torn last record is dropped, with a warning.
 
 use std::fs::{self, File};
@@ -17,7 +18,7 @@ use serde::{Deserialize, Serialize};
 use sha2::{Digest as _, Sha256};
 
 use super::{DatasetError, EpisodeInfo, StepRecord, disk, png};
-use crate::env::{Action, Frame};
+use crate::env::{Action, Contacts, Frame};
 
 /// What a journal begins with.
 const MAGIC: &[u8] = b"dropj journal 1\n";
@@ -60,6 +61,7 @@ pub(super) struct Row {
     pub(super) action: Action,
     pub(super) reward: f32,
     pub(super) grass: bool,
+    pub(super) contacts: Option<Contacts>,
     pub(super) wall_time_ns: i64,
 }
 
@@ -115,6 +117,7 @@ impl Recording {
             action: step.action,
             reward: step.reward,
             grass: step.grass,
+            contacts: step.contacts,
             wall_time_ns: step.wall_time_ns,
         };
         self.append(&record(&row.to_payload()))?;
@@ -190,18 +193,23 @@ impl Row {
         for number in self.action.to_array().into_iter().chain([self.reward]) {
             bytes.extend(number.to_le_bytes());
         }
-        bytes.push(u8::from(self.grass));
+        let Contacts { chuckhole, car } = self.contacts.unwrap_or_default();
+        let touched = [self.grass, chuckhole, car, self.contacts.is_some()];
+        bytes.push((0..).zip(touched).map(|(bit, is)| u8::from(is) << bit).sum());
         bytes
     }
 
     fn from_payload(payload: &[u8]) -> Option<Self> {
         let (head, png) = payload.split_at_checked(Self::HEAD)?;
         let number = |at: usize| Some(f32::from_le_bytes(*head.get(at..)?.first_chunk()?));
+        let touched = *head.last()?;
+        let is = |bit: u8| touched >> bit & 1 != 0;
         Some(Self {
             png: png.to_vec(),
             action: Action { steer: number(9)?, gas: number(13)?, brake: number(17)? },
             reward: number(21)?,
-            grass: *head.last()? != 0,
+            grass: is(0),
+            contacts: is(3).then(|| Contacts { chuckhole: is(1), car: is(2) }),
             wall_time_ns: i64::from_le_bytes(*head.get(1..)?.first_chunk()?),
         })
     }
@@ -280,6 +288,7 @@ mod tests {
             action: Action::new(0.25, f32::from(level) / 255.0, 0.5),
             reward: -1.0,
             grass: level % 2 == 1,
+            contacts: (level > 1).then_some(Contacts { chuckhole: level == 2, car: level == 3 }),
             wall_time_ns: 1_767_225_600_000_000_000 + i64::from(level),
         }
     }

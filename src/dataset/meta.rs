@@ -6,7 +6,7 @@ use std::path::Path;
 use parquet::errors::Result;
 use serde_json::{Map, Value, json};
 
-use super::sealed::{IMAGE, Notes};
+use super::sealed::{CAR, CHUCKHOLE, IMAGE, Notes};
 use super::stats::Stats;
 use super::table::{Column, to_parquet};
 use super::{DatasetError, disk};
@@ -39,7 +39,7 @@ fn task(first: &Notes) -> String {
 fn info(first: &Notes, episodes: &[Notes]) -> Value {
     let n_episodes = episodes.len();
     let scalar = |dtype: &str| json!({"dtype": dtype, "shape": [1], "names": null});
-    let features = json!({
+    let mut features = json!({
         IMAGE: {"dtype": "image", "shape": [first.side, first.side, 3], "names": ["height", "width", "channels"]},
         "action": {"dtype": "float32", "shape": [3], "names": ["steer", "gas", "brake"]},
         "next.reward": scalar("float32"),
@@ -52,6 +52,11 @@ fn info(first: &Notes, episodes: &[Notes]) -> Value {
         "index": scalar("int64"),
         "task_index": scalar("int64"),
     });
+    if first.has_obstacles() {
+        for name in [CHUCKHOLE, CAR] {
+            features[name] = scalar("bool");
+        }
+    }
     json!({
         "codebase_version": "v3.0",
         "robot_type": first.info.env,

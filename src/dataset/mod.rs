@@ -11,6 +11,7 @@
 //! A row of `data` is a step: `observation.image` (a PNG, the frame *before* the action), `action` (steer, gas and
 //! brake as the environment took them), `next.reward`, `next.done`, `next.grass`, `timestamp` (seconds, the step's
 //! index over 50), `wall_time_ns` (nanoseconds since 1970 when the action was taken) and `LeRobot`'s indices.
+//! Worlds with obstacles add `next.chuckhole` (a wheel is in one) and `next.car` (the hull touches another's).
 //! An episode of n steps has n + 1 frames, each stored once: the frame after the last action is no step and gets no
 //! row; it stands in the footer of the file, under the key `dropj.last_frame`, as a PNG in hexadecimal.
 //!
@@ -36,7 +37,7 @@ pub use error::DatasetError;
 pub use folder::Dataset;
 pub use journal::Recording;
 
-use crate::env::{Action, Frame};
+use crate::env::{Action, Contacts, Frame};
 
 /// Who drove where.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -60,6 +61,8 @@ pub struct StepRecord {
     pub reward: f32,
     /// Whether the car was on the grass after it.
     pub grass: bool,
+    /// What the car touched after it, in a world with obstacles.
+    pub contacts: Option<Contacts>,
     /// When the action was taken, in nanoseconds since 1970.
     pub wall_time_ns: i64,
 }
@@ -81,6 +84,8 @@ pub struct Episode {
     pub rewards: Vec<f32>,
     /// Whether the car was on the grass after each: n.
     pub grass: Vec<bool>,
+    /// What the car touched after each: n, or none in a world without obstacles.
+    pub contacts: Vec<Contacts>,
     /// When each action was taken, in nanoseconds since 1970: n.
     pub wall_times_ns: Vec<i64>,
     /// Whether the environment ended it, and not the driver or a crash of the program.

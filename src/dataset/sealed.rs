@@ -14,7 +14,7 @@ use super::journal::{Row, Take};
 use super::stats::Stats;
 use super::table::{Column, Table, to_parquet};
 use super::{DatasetError, Episode, EpisodeInfo, disk, png};
-use crate::env::{Action, Frame, STEPS_PER_SEC};
+use crate::env::{Action, Contacts, Frame, STEPS_PER_SEC};
 
 /// The format of the notes.
 const FORMAT: u32 = 1;
@@ -24,6 +24,9 @@ const NOTES: &str = "dropj";
 const LAST_FRAME: &str = "dropj.last_frame";
 /// At most so many frames of an episode are looked at for its statistics.
 const N_SAMPLED_FRAMES: usize = 100;
+/// The columns that only worlds with obstacles have.
+pub(super) const CHUCKHOLE: &str = "next.chuckhole";
+pub(super) const CAR: &str = "next.car";
 /// The column of frames.
 pub(super) const IMAGE: &str = "observation.image";
 
@@ -50,6 +53,13 @@ pub(super) struct Notes {
     pub(super) done: bool,
     /// The statistics of each column.
     pub(super) stats: BTreeMap<String, Stats>,
+}
+
+impl Notes {
+    /// Whether contacts with obstacles were recorded.
+    pub(super) fn has_obstacles(&self) -> bool {
+        self.stats.contains_key(CHUCKHOLE)
+    }
 }
 
 /// Seals a take as episode `number` of the dataset at `dir`.
@@ -92,7 +102,8 @@ fn columns(take: &Take, number: usize, first_index: usize) -> Vec<(String, Colum
     let rows = &take.rows;
     let n = rows.len();
     let done = take.end.as_ref().is_some_and(|end| end.done);
-    let columns = [
+    let contacts: Vec<Contacts> = rows.iter().filter_map(|row| row.contacts).collect();
+    let mut columns = vec![
         (
             "action",
             Column::FloatLists(Action::LEN, rows.iter().flat_map(|row| row.action.to_array()).collect()),
@@ -107,7 +118,11 @@ fn columns(take: &Take, number: usize, first_index: usize) -> Vec<(String, Colum
         ("index", Column::Ints((first_index..first_index + n).map(|index| index as i64).collect())),
         ("task_index", Column::Ints(vec![0; n])),
     ];
-    columns.map(|(name, column)| (name.into(), column)).into()
+    if contacts.len() == n {
+        columns.push((CHUCKHOLE, Column::Bools(contacts.iter().map(|touched| touched.chuckhole).collect())));
+        columns.push((CAR, Column::Bools(contacts.iter().map(|touched| touched.car).collect())));
+    }
+    columns.into_iter().map(|(name, column)| (name.into(), column)).collect()
 }
 
 /// The statistics of every column; of the frames, some only, as `LeRobot` has it.
@@ -178,6 +193,7 @@ impl Sealed {
         let rewards = self.table.read::<FloatType>(&["next.reward"]).map_err(met)?;
         let grass = self.table.read::<BoolType>(&["next.grass"]).map_err(met)?;
         let wall_times_ns = self.table.read::<Int64Type>(&["wall_time_ns"]).map_err(met)?;
+        let contacts = self.contacts().map_err(met)?;
         let lens = [pngs.len(), actions.len() / Action::LEN, rewards.len(), grass.len(), wall_times_ns.len()];
         if lens != [n; 5] {
             return Err(format!("{n} steps have columns of {lens:?}"));
@@ -196,7 +212,17 @@ impl Sealed {
             return Err(format!("a frame has {} pixels a side, not {}", frame.side(), self.notes.side));
         }
         let Notes { number, info, done, .. } = self.notes.clone();
-        Ok(Episode { number, info, frames, actions, rewards, grass, wall_times_ns, done })
+        Ok(Episode { number, info, frames, actions, rewards, grass, contacts, wall_times_ns, done })
+    }
+
+    /// What was touched, where the world has obstacles.
+    fn contacts(&self) -> parquet::errors::Result<Vec<Contacts>> {
+        if !self.notes.has_obstacles() {
+            return Ok(Vec::new());
+        }
+        let chuckholes = self.table.read::<BoolType>(&[CHUCKHOLE])?;
+        let cars = self.table.read::<BoolType>(&[CAR])?;
+        Ok(chuckholes.into_iter().zip(cars).map(|(chuckhole, car)| Contacts { chuckhole, car }).collect())
     }
 }
 

@@ -4,7 +4,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use super::{Dataset, DatasetError, Episode, EpisodeInfo, Recording, StepRecord};
-use crate::env::{Action, Frame};
+use crate::env::{Action, Contacts, Frame};
 
 const SIDE: u32 = 12;
 
@@ -20,6 +20,7 @@ fn step(index: usize) -> StepRecord {
         action: Action::new(-0.1 * index as f32, 0.3, 0.01 * index as f32),
         reward: if index.is_multiple_of(3) { 10.0 } else { -1.0 },
         grass: index.is_multiple_of(4),
+        contacts: None,
         wall_time_ns: 1_767_225_600_000_000_000 + 20_000_000 * index as i64,
     }
 }
@@ -50,6 +51,7 @@ fn expected(number: usize, seed: u64, n_steps: usize) -> Episode {
         actions: steps.iter().map(|step| step.action).collect(),
         rewards: steps.iter().map(|step| step.reward).collect(),
         grass: steps.iter().map(|step| step.grass).collect(),
+        contacts: steps.iter().filter_map(|step| step.contacts).collect(),
         wall_times_ns: steps.iter().map(|step| step.wall_time_ns).collect(),
         done: true,
     }
@@ -71,6 +73,22 @@ fn what_is_recorded_is_what_is_read() {
         let episodes: Vec<Episode> = dataset.episodes().map(Result::unwrap).collect();
         assert_eq!(episodes, [expected(0, 7, 1), expected(1, u64::MAX, 130)]);
     }
+}
+
+#[test]
+fn contacts_with_obstacles_come_back() {
+    let dir = tempfile::tempdir().unwrap();
+    let mut dataset = Dataset::create_or_open(dir.path(), "dummy").unwrap();
+    let contacts = [(true, false), (false, false), (true, true)];
+    let contacts = contacts.map(|(chuckhole, car)| Contacts { chuckhole, car });
+    let mut recording = dataset.begin(info(1)).unwrap();
+    for (i, &contact) in contacts.iter().enumerate() {
+        recording.push(&StepRecord { contacts: Some(contact), ..step(i) }).unwrap();
+    }
+    dataset.seal(recording, &frame(3), true).unwrap();
+    let read = Dataset::open(dir.path()).unwrap().episode(0).unwrap();
+    assert_eq!(read.contacts, contacts);
+    assert_eq!(read.grass, [true, false, false]);
 }
 
 #[test]

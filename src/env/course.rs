@@ -9,14 +9,17 @@ use super::car::Car;
 use super::draw::{Camera, CarView, Indicators, Pose, Scene};
 use super::physics::{Body, Polygon, Shape, Touch, Vec2, World};
 use super::random::UniformStream;
-use super::track::{PLAYFIELD, Track};
+use super::track::{NODE_STEP, PLAYFIELD, Track};
 use super::trig::{self, Trig};
-use super::{Action, End, Events, MAX_STEPS, Outcome, Seed, Truth};
+use super::{Action, End, Events, MAX_STEPS, Obstacle, Outcome, Seed, Truth};
 
 /// Seconds a step.
 const DT: f64 = 1.0 / 50.0;
 /// Radius of a chuckhole in units.
 const CHUCKHOLE_RADIUS: f32 = 1.2;
+/// An obstacle is told of from so many units ahead until it is so many behind.
+const SIGHT: f32 = 100.0;
+const BESIDE: f32 = 4.0;
 /// The rewards of a new tile and of the grass.
 const NEW_TILE_REWARD: f32 = 10.0;
 const GRASS_REWARD: f32 = -1.0;
@@ -261,7 +264,10 @@ impl Course {
     /// The node nearest to a car's hull; of equals the first.
     pub(super) fn nearest_node(&self, car: usize) -> usize {
         let p = self.hull(car).position();
-        let (x, y) = (f64::from(p.x), f64::from(p.y));
+        self.nearest_node_to([f64::from(p.x), f64::from(p.y)])
+    }
+
+    fn nearest_node_to(&self, [x, y]: [f64; 2]) -> usize {
         let (mut nearest, mut least) = (0, f64::MAX);
         for (i, node) in self.track.nodes.iter().enumerate() {
             let (dx, dy) = (node.x - x, node.y - y);
@@ -271,6 +277,32 @@ impl Course {
             }
         }
         nearest
+    }
+
+    /// Where a place is on the road: its nearest node, and how far it is in units beyond and right of that node.
+    fn on_road(&self, at: [f64; 2]) -> (usize, [f64; 2]) {
+        let q = self.nearest_node_to(at);
+        let node = &self.track.nodes[q];
+        let (s, c) = (trig::sin(node.beta), trig::cos(node.beta));
+        let (x, y) = (at[0] - node.x, at[1] - node.y);
+        (q, [c * y - s * x, c * x + s * y])
+    }
+
+    /// The next of `all` obstacles (number, center, units a second) ahead of the agent's car or beside it.
+    pub(super) fn next_obstacle(
+        &self,
+        all: impl Iterator<Item = (usize, [f64; 2], f64)>,
+    ) -> Option<Obstacle> {
+        let (n, p) = (self.track.nodes.len() as i64, self.hull(0).position());
+        let (here, [beyond, _]) = self.on_road([f64::from(p.x), f64::from(p.y)]);
+        let see = |(id, at, speed): (usize, [f64; 2], f64)| {
+            let (node, [further, lateral]) = self.on_road(at);
+            let n_nodes = (node as i64 - here as i64 + n / 2).rem_euclid(n) - n / 2;
+            let ahead = (n_nodes as f64 * NODE_STEP + further - beyond) as f32;
+            Obstacle { id, ahead, lateral: lateral as f32, speed: speed as f32 }
+        };
+        let ahead = all.map(see).filter(|obstacle| (-BESIDE..SIGHT).contains(&obstacle.ahead));
+        ahead.min_by(|a, b| a.ahead.total_cmp(&b.ahead))
     }
 
     /// What the simulator knows of the agent's car.
@@ -304,6 +336,7 @@ impl Course {
             n_nodes: nodes.len(),
             n_visited: self.n_visited,
             wheels_off: self.cars[0].wheels().iter().filter(|wheel| !wheel.on_road()).count() as u8,
+            ..Truth::default()
         }
     }
 }

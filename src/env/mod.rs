@@ -135,4 +135,32 @@ pub struct Truth {
     pub n_visited: usize,
     /// How many of the four wheels touch no tile.
     pub wheels_off: u8,
+    /// What the car touches at this moment; nothing in a world without obstacles.
+    pub contacts: Option<Contacts>,
+    /// The next chuckhole, if there is one ahead or beside.
+    pub chuckhole: Option<Obstacle>,
+    /// The next other car, if there is one ahead or beside.
+    pub car: Option<Obstacle>,
+}
+
+/// Which obstacles the agent's car touches.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Contacts {
+    /// A wheel is in a chuckhole.
+    pub chuckhole: bool,
+    /// The hull touches that of another car.
+    pub car: bool,
+}
+
+/// An obstacle as whoever drives the agent's car would say where it is.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Obstacle {
+    /// Which of its kind.
+    pub id: usize,
+    /// How far ahead of the hull its center is in units along the road; negative is behind.
+    pub ahead: f32,
+    /// How far right of the center line its center is in units.
+    pub lateral: f32,
+    /// Its speed in units a second.
+    pub speed: f32,
 }

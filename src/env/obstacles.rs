@@ -11,7 +11,7 @@ use super::random::ChoiceStream;
 use super::trace::Traced;
 use super::track::NODE_STEP;
 use super::trig::{self, Trig};
-use super::{Action, Env, Frame, Outcome, Seed, Truth};
+use super::{Action, Contacts, Env, Frame, Outcome, Seed, Truth};
 
 /// Pixels a side of a frame.
 const SIDE: u32 = 128;
@@ -67,6 +67,8 @@ pub struct ObstacleCarRacing {
     n_steps: usize,
     /// How many wheel contacts with chuckholes each car has.
     wheels_in: Vec<usize>,
+    /// How many contacts the agent's hull has with other hulls.
+    hulls_on: usize,
     touched: HashSet<usize>,
     hit: HashSet<usize>,
     passed_chuckholes: HashSet<usize>,
@@ -98,6 +100,7 @@ impl ObstacleCarRacing {
             aids,
             trig,
             wheels_in: vec![0; course.cars.len()],
+            hulls_on: 0,
             course,
             n_steps: 0,
             touched: HashSet::new(),
@@ -165,6 +168,7 @@ impl ObstacleCarRacing {
         for &Meeting { begins, one, other } in &self.course.meetings {
             match (one, other) {
                 (Part::Hull { car: 0 }, Part::Hull { car }) | (Part::Hull { car }, Part::Hull { car: 0 }) => {
+                    self.hulls_on = if begins { self.hulls_on + 1 } else { self.hulls_on.saturating_sub(1) };
                     new_car |= self.hit.insert(car);
                 }
                 (Part::Chuckhole(hole), Part::Wheel { car, .. }) => {
@@ -341,7 +345,15 @@ impl Env for ObstacleCarRacing {
     }
 
     fn truth(&self) -> Truth {
-        self.course.truth()
+        let course = &self.course;
+        let holes = course.chuckholes.iter().enumerate().map(|(i, &at)| (i, at, 0.0));
+        let cars = (1..course.cars.len()).map(|car| (car, self.position(car), speed(course.hull(car))));
+        Truth {
+            contacts: Some(Contacts { chuckhole: self.wheels_in[0] > 0, car: self.hulls_on > 0 }),
+            chuckhole: course.next_obstacle(holes),
+            car: course.next_obstacle(cars),
+            ..course.truth()
+        }
     }
 
     fn picture(&self, width: u32, height: u32) -> Vec<u8> {

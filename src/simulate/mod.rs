@@ -5,6 +5,7 @@
 
 pub mod annotator;
 pub mod fit_probe;
+mod encounter;
 mod hand;
 pub mod pilot;
 pub mod player;

@@ -7,11 +7,12 @@ use std::f32::consts::PI;
 
 use rand::{Rng, RngExt as _};
 
+use super::encounter::Encounter;
 use super::hand::{Grip, Hand, LOCK, Wish};
 use crate::env::{Action, STEPS_PER_SEC, Truth};
 
 /// Half the road in units.
-const HALF_ROAD: f32 = 6.67;
+pub(super) const HALF_ROAD: f32 = 6.67;
 /// Distance between the axles in units.
 const WHEELBASE: f32 = 3.24;
 /// Units from node to node.
@@ -68,12 +69,21 @@ pub struct ScriptedPilot {
     steps_left: u32,
     /// Whether this stretch leaves the road on purpose.
     is_excursion: bool,
+    /// What it makes of the next chuckhole and of the next car.
+    encounters: [Option<Encounter>; 2],
 }
 
 impl ScriptedPilot {
     /// A pilot of this style.
     pub fn new(style: PilotStyle) -> Self {
-        Self { style, intent: Intent::Stop { brake: 0.0 }, hand: None, steps_left: 0, is_excursion: false }
+        Self {
+            style,
+            intent: Intent::Stop { brake: 0.0 },
+            hand: None,
+            steps_left: 0,
+            is_excursion: false,
+            encounters: [None; 2],
+        }
     }
 
     /// A pilot of a random style: some careful, some wild.
@@ -95,6 +105,9 @@ impl ScriptedPilot {
             self.begin_stretch(truth, rng);
         }
         self.steps_left = self.steps_left.saturating_sub(1);
+        for (encounter, obstacle) in self.encounters.iter_mut().zip([truth.chuckhole, truth.car]) {
+            *encounter = obstacle.and_then(|it| Encounter::with(it, *encounter, truth, rng));
+        }
         let wish = self.wish(truth);
         match &mut self.hand {
             Some(hand) => hand.act(wish, rng),
@@ -196,11 +209,13 @@ impl ScriptedPilot {
 
     /// Keeps to a line at a speed, slower where the road bends and where the car is off it.
     fn follow(&self, truth: &Truth, speed: f32, line: f32) -> Wish {
+        let (mut speed, line) =
+            self.encounters.iter().flatten().fold((speed, line), |aim, met| met.bend(aim, truth));
         let [near, middle, far] = truth.bends;
         let [near, middle, far] =
             [near / (5.0 * NODE_STEP), middle / (10.0 * NODE_STEP), far / (20.0 * NODE_STEP)];
         let sharpest = near.abs().max(middle.abs()).max(far.abs()).max(1e-3);
-        let mut speed = speed.min((self.style.daring / sharpest).sqrt());
+        speed = speed.min((self.style.daring / sharpest).sqrt());
         let astray = truth.lateral - line;
         if astray.abs() > HALF_ROAD {
             speed = speed.min(28.0);

@@ -14,7 +14,7 @@ use crate::env::{Env, Seed};
 pub const PILOT: &str = "scripted";
 
 /// An episode that has been recorded.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Recorded {
     /// Which of the episodes of a seed it is.
     pub k: u64,
@@ -24,6 +24,10 @@ pub struct Recorded {
     pub n_steps: usize,
     /// How many of them were on the grass.
     pub n_grass: usize,
+    /// How many of them had a wheel in a chuckhole.
+    pub n_chuckhole: usize,
+    /// How many of them touched another car.
+    pub n_car: usize,
     /// The sum of the environment's rewards.
     pub ret: f32,
 }
@@ -73,16 +77,21 @@ fn record_one(
     env.reset(Seed::Native(info.seed));
     let mut pilot = ScriptedPilot::drawn(rng);
     let mut recording = dataset.begin(info)?;
-    let mut recorded = Recorded { k, number: 0, n_steps: 0, n_grass: 0, ret: 0.0 };
+    let mut recorded = Recorded { k, ..Recorded::default() };
+    let mut truth = env.truth();
     loop {
         let frame = env.frame();
-        let action = pilot.act(&env.truth(), rng);
+        let action = pilot.act(&truth, rng);
         let wall_time_ns = wall_time_ns();
         let outcome = env.advance(action);
-        let grass = outcome.events.grass;
-        recording.push(&StepRecord { frame, action, reward: outcome.reward, grass, wall_time_ns })?;
+        truth = env.truth();
+        let (reward, grass, contacts) = (outcome.reward, outcome.events.grass, truth.contacts);
+        recording.push(&StepRecord { frame, action, reward, grass, contacts, wall_time_ns })?;
+        let touched = contacts.unwrap_or_default();
         recorded.n_steps += 1;
         recorded.n_grass += usize::from(grass);
+        recorded.n_chuckhole += usize::from(touched.chuckhole);
+        recorded.n_car += usize::from(touched.car);
         recorded.ret += outcome.reward;
         if outcome.end.is_some() {
             break;
@@ -190,6 +199,7 @@ mod tests {
             action: Action::default(),
             reward: 0.0,
             grass: false,
+            contacts: None,
             wall_time_ns: 0,
         };
         killed.begin(info).unwrap().push(&step).unwrap();
@@ -211,6 +221,6 @@ mod tests {
             ControlFlow::Continue(())
         })
         .unwrap();
-        assert_eq!(heard, [Recorded { k: 4, number: 0, n_steps: 6, n_grass: 1, ret: 21.0 }]);
+        assert_eq!(heard, [Recorded { k: 4, n_steps: 6, n_grass: 1, ret: 21.0, ..Recorded::default() }]);
     }
 }

@@ -107,7 +107,8 @@ mod tests {
             for t in 0..40 {
                 let (frame, action) = (wall.frame(), Action::new((t as f32).sin(), 0.0, 0.0));
                 wall.advance(action);
-                let step = StepRecord { frame, action, reward: 0.0, grass: false, wall_time_ns: 0 };
+                let step =
+                    StepRecord { frame, action, reward: 0.0, grass: false, contacts: None, wall_time_ns: 0 };
                 recording.push(&step).unwrap();
             }
             dataset.seal(recording, &wall.frame(), true).unwrap();

@@ -123,6 +123,7 @@ impl Recorder<'_> {
             action: take.action,
             reward: outcome.reward,
             grass: outcome.events.grass,
+            contacts: self.env.truth().contacts,
             wall_time_ns,
         };
         if let Err(e) = take.recording.push(&step) {

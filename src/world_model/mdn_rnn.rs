@@ -25,6 +25,16 @@ impl MdnRnnConfig {
         Self { latent: 32, memory: 256, components: 5 }
     }
 
+    /// The paper's network for Obstacle Car Racing (Table 4): 64 latents, 1024 cells, 7 Gaussians, 5 854 528 parameters.
+    pub fn obstacle_car_racing() -> Self {
+        Self { latent: 64, memory: 1024, components: 7 }
+    }
+
+    /// That for Car Racing with as many latents as obstacles need.
+    pub fn obstacle_compact() -> Self {
+        Self { latent: 64, ..Self::car_racing() }
+    }
+
     /// A toy for tests.
     pub fn tiny() -> Self {
         Self { latent: 4, memory: 16, components: 2 }
@@ -243,11 +253,15 @@ mod tests {
     }
 
     #[test]
-    fn the_car_racing_network_has_the_papers_size() {
-        let store = nn::VarStore::new(Device::Cpu);
-        MdnRnn::new(&store.root(), MdnRnnConfig::car_racing(), &mut rng());
-        let n_parameters: usize = store.variables().values().map(Tensor::numel).sum();
-        assert_eq!(n_parameters, 423_392);
+    fn the_networks_have_the_papers_sizes() {
+        for (config, size) in
+            [(MdnRnnConfig::car_racing(), 423_392), (MdnRnnConfig::obstacle_car_racing(), 5_854_528)]
+        {
+            let store = nn::VarStore::new(Device::Cpu);
+            MdnRnn::new(&store.root(), config, &mut rng());
+            let n_parameters: usize = store.variables().values().map(Tensor::numel).sum();
+            assert_eq!(n_parameters, size);
+        }
     }
 
     #[test]

@@ -42,6 +42,24 @@ impl WorldModelConfig {
         }
     }
 
+    /// The paper's networks for Obstacle Car Racing.
+    pub fn obstacle_car_racing() -> Self {
+        Self {
+            env: "obstacle-car-racing".to_owned(),
+            vae: VaeConfig::obstacle_car_racing(),
+            mdn_rnn: MdnRnnConfig::obstacle_car_racing(),
+        }
+    }
+
+    /// Smaller networks for Obstacle Car Racing, which two cores train and dream with in real time.
+    pub fn obstacle_compact() -> Self {
+        Self {
+            vae: VaeConfig::obstacle_compact(),
+            mdn_rnn: MdnRnnConfig::obstacle_compact(),
+            ..Self::obstacle_car_racing()
+        }
+    }
+
     /// Toys for tests.
     pub fn tiny() -> Self {
         Self { env: "dummy-road".to_owned(), vae: VaeConfig::tiny(), mdn_rnn: MdnRnnConfig::tiny() }

@@ -47,6 +47,25 @@ impl VaeConfig {
         Self { side: 84, latent: 32, encoder, decoder, free_bits: 0.5 }
     }
 
+    /// The paper's network for Obstacle Car Racing (Table 3): 128 pixels, 64 latents, 25 453 571 parameters.
+    pub fn obstacle_car_racing() -> Self {
+        // DIFFERENCE: Table 3 prints other widths for the decoder; these are those of the authors' code.
+        Self::obstacles(64)
+    }
+
+    /// The same layers with a quarter of the channels, 2 185 571 parameters: what two cores can train.
+    pub fn obstacle_compact() -> Self {
+        Self::obstacles(16)
+    }
+
+    /// Five halvings of 128 pixels, the first to `width` channels and each of the others to twice as many.
+    fn obstacles(width: i64) -> Self {
+        let encoder = layers(&[1, 2, 4, 8, 16].map(|factor| (factor * width, 4, 2)), 1);
+        let outwards = [8 * width, 4 * width, 2 * width, width, 3];
+        let decoder = layers(&outwards.map(|channels| (channels, 4, 2)), 1);
+        Self { side: 128, latent: 64, encoder, decoder, free_bits: 2.0 }
+    }
+
     /// A toy for tests: 20 pixels, 4 latents.
     pub fn tiny() -> Self {
         let encoder = layers(&[(8, 4, 2), (16, 4, 2)], 0);
@@ -353,6 +372,20 @@ mod tests {
         assert_eq!(n_parameters, 3_337_747);
         let pixels = Tensor::zeros([2, 84, 84, 3], (Kind::Float, Device::Cpu));
         assert_eq!(vae.decode(&vae.encode(&pixels).0).size(), [2, 84, 84, 3]);
+    }
+
+    #[test]
+    fn the_networks_for_obstacles_have_the_papers_size_and_a_smaller_one() {
+        for (config, size) in
+            [(VaeConfig::obstacle_car_racing(), 25_453_571), (VaeConfig::obstacle_compact(), 2_185_571)]
+        {
+            let store = nn::VarStore::new(Device::Cpu);
+            let vae = Vae::new(&store.root(), config, Kind::Float, &mut rng());
+            let n_parameters: usize = store.variables().values().map(Tensor::numel).sum();
+            assert_eq!(n_parameters, size);
+            let pixels = Tensor::zeros([1, 128, 128, 3], (Kind::Float, Device::Cpu));
+            assert_eq!(vae.decode(&vae.encode(&pixels).0).size(), [1, 128, 128, 3]);
+        }
     }
 
     #[test]
