@@ -4,6 +4,7 @@ use std::ops::ControlFlow;
 use std::path::PathBuf;
 use std::time::Instant;
 
+use dropj::env::Aids;
 use dropj::run::write_whole;
 use dropj::simulate::fit_probe::{FitProbeConfig, fit_probe};
 
@@ -11,6 +12,9 @@ use super::{EnvName, models};
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct Options {
+    /// The world that is looked at
+    #[arg(long, value_enum, default_value = "car-racing")]
+    env: EnvName,
     /// The world model through whose eyes half of the pictures are seen
     #[arg(long)]
     world: Option<PathBuf>,
@@ -24,11 +28,16 @@ pub(crate) struct Options {
 
 pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
     tch::set_num_threads(1);
-    let world = options.world.clone().unwrap_or_else(|| models::world_model_asset(EnvName::CarRacing));
+    let world = options.world.clone().unwrap_or_else(|| models::world_model_asset(options.env));
     let model = models::world_model(&world)?;
-    let config = FitProbeConfig { seed: options.seed, ..FitProbeConfig::car_racing() };
+    let config = match options.env {
+        EnvName::CarRacing => FitProbeConfig::car_racing(),
+        _ => FitProbeConfig::obstacle_car_racing(),
+    };
+    let config = FitProbeConfig { seed: options.seed, ..config };
+    let mut env = options.env.open(Aids::NONE);
     let mut said = Instant::now();
-    let fit = fit_probe(&config, Some(&model), &mut |progress| {
+    let fit = fit_probe(&config, &mut *env, Some(&model), &mut |progress| {
         if said.elapsed().as_secs() >= 10 {
             said = Instant::now();
             eprintln!("{:?} {} of {}: loss {:.4}", progress.phase, progress.done, progress.n, progress.loss);

@@ -24,6 +24,14 @@ pub enum JustificationError {
         /// Its weight.
         weight: f32,
     },
+    /// A justification weighs more than one that is more severe.
+    #[error("{name:?} is less severe than {above:?}, and so cannot weigh more")]
+    Order {
+        /// Which one.
+        name: String,
+        /// The one before it.
+        above: String,
+    },
     /// There is no justification of that name.
     #[error("{0:?} is not a justification of this session")]
     Unknown(String),
@@ -47,7 +55,7 @@ pub enum JustificationError {
 pub struct Justifications(Vec<(String, f32)>);
 
 impl Justifications {
-    /// Names with their weights `w_k`, the most severe first, the default last.
+    /// Names with their weights `w_k`, the most severe first, the default last: `1 ≥ w_1 ≥ … ≥ w_N > ½`.
     pub fn new<S: Into<String>>(
         named: impl IntoIterator<Item = (S, f32)>,
     ) -> Result<Self, JustificationError> {
@@ -64,6 +72,9 @@ impl Justifications {
                 return Err(JustificationError::Weight { name: name.clone(), weight: *weight });
             }
         }
+        if let Some(pair) = named.windows(2).find(|pair| pair[1].1 > pair[0].1) {
+            return Err(JustificationError::Order { name: pair[1].0.clone(), above: pair[0].0.clone() });
+        }
         Ok(Self(named))
     }
 
@@ -73,6 +84,16 @@ impl Justifications {
     /// Never: the weights are right.
     pub fn car_racing() -> Self {
         Self::new([("grass", 1.0), ("default", 0.75)]).unwrap_or_else(|e| unreachable!("{e}"))
+    }
+
+    /// What the paper asks for with obstacles, all at the weight of safety but for the default.
+    ///
+    /// # Panics
+    /// Never: the weights are right.
+    pub fn obstacle_car_racing(has_cars: bool) -> Self {
+        let car = has_cars.then_some(("car", 1.0));
+        let all = [("grass", 1.0), ("chuckhole", 1.0)].into_iter().chain(car).chain([("default", 0.75)]);
+        Self::new(all).unwrap_or_else(|e| unreachable!("{e}"))
     }
 
     /// The justification of this name.
@@ -126,6 +147,13 @@ mod tests {
         let (chuckhole, default) = (all.named("chuckhole").unwrap(), all.default());
         assert_eq!(all.most_severe([default, chuckhole]), chuckhole);
         assert_eq!(all.most_severe([]), default);
+    }
+
+    #[test]
+    fn weights_that_contradict_the_order_are_refused() {
+        let refused = Justifications::new([("grass", 0.95), ("chuckhole", 1.0), ("default", 0.75)]);
+        let order = JustificationError::Order { name: "chuckhole".into(), above: "grass".into() };
+        assert_eq!(refused, Err(order));
     }
 
     #[test]

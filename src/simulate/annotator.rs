@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use super::probe::{Probe, Sight};
 use crate::env::{Frame, STEPS_PER_SEC};
-use crate::query::{Justification, Preference, Protocol, Response, SafetyAnswer, SkipReason};
+use crate::query::{Justification, Justifications, Preference, Protocol, Response, SafetyAnswer, SkipReason};
 
 /// Length of a tile in units.
 const TILE: f32 = 3.5;
@@ -23,6 +23,10 @@ const N_OFF: usize = 2;
 pub struct Judgement {
     /// Probability of being off the road, picture by picture.
     pub off_road: Vec<f32>,
+    /// Probability of a wheel in a chuckhole, picture by picture.
+    pub chuckhole: Vec<f32>,
+    /// Probability of touching another car, picture by picture.
+    pub car: Vec<f32>,
     /// Tiles passed in each step: velocity along the road, backwards counting nothing.
     pub tiles: Vec<f32>,
     /// How near the edge the car is, picture by picture: the square of its way from the middle, where 1 is the edge.
@@ -42,6 +46,8 @@ impl Judgement {
         let n_jumps = sights.len().saturating_sub(1).max(1) as f32;
         Self {
             off_road: sights.iter().map(|sight| sight.off_road).collect(),
+            chuckhole: sights.iter().map(|sight| sight.chuckhole).collect(),
+            car: sights.iter().map(|sight| sight.car).collect(),
             tiles: sights.iter().map(|sight| sight.road_velocity[0].max(0.0) * secs / TILE).collect(),
             nearness: sights.iter().map(|sight| (sight.lateral / EDGE).powi(2)).collect(),
             doubt: (jumps.map(|jump| jump * jump).sum::<f32>() / n_jumps).sqrt(),
@@ -50,7 +56,18 @@ impl Judgement {
 
     /// Whether the clip never shows the car leaving the road.
     pub fn is_safe(&self) -> bool {
-        self.off_road.iter().filter(|chance| **chance > 0.5).count() < N_OFF
+        !self.shows("grass")
+    }
+
+    /// Whether the clip shows what the justification of this name is about.
+    pub fn shows(&self, justification: &str) -> bool {
+        let chances = match justification {
+            "grass" => &self.off_road,
+            "chuckhole" => &self.chuckhole,
+            "car" => &self.car,
+            _ => return false,
+        };
+        chances.iter().filter(|chance| **chance > 0.5).count() >= N_OFF
     }
 
     /// What the driving is worth in tiles: those passed, less `care` for each step at the edge.
@@ -111,10 +128,11 @@ impl Annotator {
         Judgement::of(&probe.watch(clip))
     }
 
-    /// The answer to a query under `protocol`.
+    /// The answer to a query under `protocol`, where several `justifications` are asked for among those.
     pub fn answer(
         &self,
         protocol: Protocol,
+        justifications: &Justifications,
         left: &Judgement,
         right: &Judgement,
         rng: &mut impl Rng,
@@ -144,13 +162,37 @@ impl Annotator {
                 (false, false) => SafetyAnswer::Neither,
                 (true, true) => SafetyAnswer::Both(self.prefer(worths, luck)),
             }),
-            // Grass is the most severe justification of Car Racing, the default comes after it.
-            Protocol::DropjMulti => match (left_safe, right_safe) {
-                (true, false) => Response::Justified(Justification(0), Preference::Left),
-                (false, true) => Response::Justified(Justification(0), Preference::Right),
-                (false, false) => Response::Justified(Justification(0), Preference::Equal),
-                (true, true) => Response::Justified(Justification(1), self.prefer(worths, luck)),
-            },
+            Protocol::DropjMulti => {
+                let shown = justifications.iter().map(|(justification, name, _)| {
+                    let errs = [rng.random_bool(self.eps_safety), rng.random_bool(self.eps_safety)];
+                    (justification, [left.shows(name) != errs[0], right.shows(name) != errs[1]])
+                });
+                self.justify(justifications, shown, || self.prefer(worths, luck))
+            }
+        }
+    }
+
+    /// The most severe justification that tells the clips apart decides; where both show the same, neither is better;
+    /// where both show nothing, `otherwise` decides by default.
+    fn justify(
+        &self,
+        all: &Justifications,
+        shown: impl Iterator<Item = (Justification, [bool; 2])>,
+        otherwise: impl FnOnce() -> Preference,
+    ) -> Response {
+        let default = all.default();
+        let mut shared = None;
+        for (justification, shown) in shown.filter(|(justification, _)| *justification != default) {
+            match shown {
+                [false, true] => return Response::Justified(justification, Preference::Left),
+                [true, false] => return Response::Justified(justification, Preference::Right),
+                [true, true] => shared = shared.or(Some(justification)),
+                [false, false] => {}
+            }
+        }
+        match shared {
+            Some(justification) => Response::Justified(justification, Preference::Equal),
+            None => Response::Justified(default, otherwise()),
         }
     }
 
@@ -197,7 +239,8 @@ mod tests {
 
     fn answers(annotator: Annotator, protocol: Protocol, clips: [&Judgement; 2]) -> Vec<Response> {
         let rng = &mut ChaCha8Rng::seed_from_u64(0);
-        (0..200).map(|_| annotator.answer(protocol, clips[0], clips[1], rng)).collect()
+        let justifications = Justifications::car_racing();
+        (0..200).map(|_| annotator.answer(protocol, &justifications, clips[0], clips[1], rng)).collect()
     }
 
     fn answer(annotator: Annotator, protocol: Protocol, clips: [&Judgement; 2]) -> Response {
@@ -237,6 +280,24 @@ mod tests {
             Response::Safety(SafetyAnswer::OnlyRight)
         );
         assert_eq!(answer(careful, Protocol::Drope, [&wild, &slow]), Response::Preferred(Preference::Left));
+    }
+
+    #[test]
+    fn the_most_severe_difference_is_the_reason() {
+        let all = Justifications::new([("chuckhole", 1.0), ("grass", 0.95), ("default", 0.75)]).unwrap();
+        let [chuckhole, grass] = ["chuckhole", "grass"].map(|name| all.named(name).unwrap());
+        let bumpy = |clip: Judgement| Judgement { chuckhole: vec![0.9; 20], ..clip };
+        let answer = |left: &Judgement, right: &Judgement| {
+            let rng = &mut ChaCha8Rng::seed_from_u64(0);
+            Annotator::careful().answer(Protocol::DropjMulti, &all, left, right, rng)
+        };
+        let [fast, slow, off] = [clip(40.0, 0), clip(20.0, 0), clip(40.0, 9)];
+
+        assert_eq!(answer(&bumpy(fast.clone()), &off), Response::Justified(chuckhole, Preference::Right));
+        assert_eq!(answer(&bumpy(fast.clone()), &bumpy(off)), Response::Justified(grass, Preference::Left));
+        let both = [bumpy(fast.clone()), bumpy(slow.clone())];
+        assert_eq!(answer(&both[0], &both[1]), Response::Justified(chuckhole, Preference::Equal));
+        assert_eq!(answer(&fast, &slow), Response::Justified(all.default(), Preference::Left));
     }
 
     #[test]

@@ -13,8 +13,8 @@ use tch::{Device, Kind, Reduction, Tensor, nn};
 
 use super::pilot::ScriptedPilot;
 use super::player::explorer;
-use super::probe::{GAP, N_OUTPUTS, Net, Probe, ProbeConfig, Sight};
-use crate::env::{CarRacing, Env as _, Frame, Seed};
+use super::probe::{CONTACTS, GAP, N_MEASURED, Net, Probe, ProbeConfig, Sight};
+use crate::env::{Env, Frame, Seed};
 use crate::tensor::adam::Adam;
 use crate::tensor::{Parameters, from_frames, from_slice, normal};
 use crate::world_model::{Vae, WorldModel, fast_kind};
@@ -67,6 +67,11 @@ impl FitProbeConfig {
             learning_rate: 2e-3,
         }
     }
+
+    /// The same for the world with obstacles.
+    pub fn obstacle_car_racing() -> Self {
+        Self { probe: ProbeConfig::obstacle_car_racing(), ..Self::car_racing() }
+    }
 }
 
 /// What a fit is doing.
@@ -117,6 +122,10 @@ pub struct ProbeErrors {
     pub across: f64,
     /// Of the three bends ahead in radians.
     pub bends: [f64; 3],
+    /// Share of them with a wheel in a chuckhole, and probability that such a moment looks more so than another.
+    pub chuckhole: [f64; 2],
+    /// The same for touching another car.
+    pub car: [f64; 2],
 }
 
 /// A fitted probe and how good it is.
@@ -145,9 +154,10 @@ impl Example {
     }
 }
 
-/// Fits a probe; where `report` breaks off, on what has been seen until then.
+/// Fits a probe on episodes of `env`; where `report` breaks off, on what has been seen until then.
 pub fn fit_probe(
     config: &FitProbeConfig,
+    env: &mut dyn Env,
     model: Option<&WorldModel>,
     report: &mut dyn FnMut(&Progress) -> ControlFlow<()>,
 ) -> ProbeFit {
@@ -157,7 +167,7 @@ pub fn fit_probe(
     for i in 0..n {
         // The held-out episodes come first, so that they are there when the fit is broken off.
         let into = if i < config.n_held_out { &mut held_out } else { &mut seen };
-        into.extend(drive(i as u64, config));
+        into.extend(drive(env, i as u64, config));
         if tell(Phase::Drive, i + 1, n, 0.0).is_break() {
             break;
         }
@@ -188,12 +198,12 @@ pub fn fit_probe(
 }
 
 /// Moments of an episode that a pilot drives, the even ones carefully, the odd ones as dreams are driven.
-fn drive(episode: u64, config: &FitProbeConfig) -> Vec<Example> {
+fn drive(env: &mut dyn Env, episode: u64, config: &FitProbeConfig) -> Vec<Example> {
     let mut rng = ChaCha8Rng::seed_from_u64(config.seed);
     rng.set_stream(1 + episode);
     let mut pilot =
         if episode.is_multiple_of(2) { ScriptedPilot::drawn(&mut rng) } else { explorer(&mut rng) };
-    let mut env = CarRacing::new(Seed::Native(FIRST_WORLD + episode));
+    env.reset(Seed::Native(FIRST_WORLD + episode));
     let mut examples = Vec::new();
     let stride = config.stride.max(GAP + 2);
     let mut at = ZOOM_STEPS + rng.random_range(0..stride);
@@ -291,13 +301,14 @@ fn learn(
 /// One half of the pictures is mirrored, and all are a little brighter or darker than they were.
 fn loss(net: &Net, batch: &[&Example], rng: &mut ChaCha8Rng) -> Tensor {
     let b = batch.len();
-    let (mut earlier, mut now, mut is_off, mut measured, mut counts) =
-        (vec![], vec![], vec![], vec![], vec![]);
+    let (mut earlier, mut now, mut measured, mut counts) = (vec![], vec![], vec![], vec![]);
+    let (mut is_off, mut touches) = (vec![], vec![]);
     for (i, example) in batch.iter().enumerate() {
         let is_still = rng.random_bool(STILL);
         earlier.push(if is_still { example.now.clone() } else { example.earlier.clone() });
         now.push(example.now.clone());
         is_off.extend([example.shown.off_road, example.shown.all_off]);
+        touches.extend([example.shown.chuckhole, example.shown.car]);
         let shown = example.shown;
         let shown = if i < b / 2 { mirrored(shown) } else { shown };
         measured.extend(shown.targets());
@@ -315,16 +326,17 @@ fn loss(net: &Net, batch: &[&Example], rng: &mut ChaCha8Rng) -> Tensor {
     });
     let b = b as i64;
     let outputs = net.forward(&earlier, &now);
-    let is_off = from_slice(&is_off, &[b, 2]);
-    let logits = outputs.narrow(1, 0, 2);
-    let told =
-        logits.binary_cross_entropy_with_logits(&is_off, None::<Tensor>, None::<Tensor>, Reduction::Mean);
-    let wrong = outputs.narrow(1, 2, N_OUTPUTS as i64 - 2).smooth_l1_loss(
-        &from_slice(&measured, &[b, N_OUTPUTS as i64 - 2]),
-        Reduction::None,
-        0.1,
-    );
-    told + (wrong * from_slice(&counts, &[b, N_OUTPUTS as i64 - 2])).mean(Kind::Float) * 4.0
+    let told = |from: usize, truths: &[f32]| {
+        let logits = outputs.narrow(1, from as i64, 2);
+        let truths = from_slice(truths, &[b, 2]);
+        logits.binary_cross_entropy_with_logits(&truths, None::<Tensor>, None::<Tensor>, Reduction::Mean)
+    };
+    let shape = [b, N_MEASURED as i64];
+    let measures = outputs.narrow(1, 2, shape[1]);
+    let wrong = measures.smooth_l1_loss(&from_slice(&measured, &shape), Reduction::None, 0.1);
+    let loss = told(0, &is_off) + (wrong * from_slice(&counts, &shape)).mean(Kind::Float) * 4.0;
+    // A touch is rare and short, and what an annotator is asked about.
+    if outputs.size()[1] > CONTACTS as i64 { loss + told(CONTACTS, &touches) * 4.0 } else { loss }
 }
 
 /// What the mirrored picture shows.
@@ -355,21 +367,23 @@ fn errors(probe: &Probe, examples: &[Example]) -> ProbeErrors {
             directed.iter().map(|(example, seen)| f64::from(error(&example.shown, seen).abs())).sum();
         sum / directed.len().max(1) as f64
     };
+    let told_apart = |chance: &dyn Fn(&Sight) -> f32| {
+        auc(&pairs.iter().map(|(e, seen)| (chance(&e.shown) > 0.5, chance(seen))).collect::<Vec<_>>())
+    };
     let turn = |a: f32, b: f32| (a - b).sin().atan2((a - b).cos());
     ProbeErrors {
         n: pairs.len(),
         off_road_share: share(&|shown, _| shown.off_road > 0.5),
         off_road_accuracy: share(&|shown, seen| (shown.off_road > 0.5) == (seen.off_road > 0.5)),
-        off_road_auc: auc(&pairs
-            .iter()
-            .map(|(e, seen)| (e.shown.off_road > 0.5, seen.off_road))
-            .collect::<Vec<_>>()),
+        off_road_auc: told_apart(&|sight| sight.off_road),
         all_off_accuracy: share(&|shown, seen| (shown.all_off > 0.5) == (seen.all_off > 0.5)),
         lateral: mean(&|shown, seen| shown.lateral - seen.lateral),
         heading: mean(&|shown, seen| turn(shown.heading_error, seen.heading_error)),
         along: mean(&|shown, seen| shown.road_velocity[0] - seen.road_velocity[0]),
         across: mean(&|shown, seen| shown.road_velocity[1] - seen.road_velocity[1]),
         bends: [0, 1, 2].map(|i| mean(&|shown, seen| shown.bends[i] - seen.bends[i])),
+        chuckhole: [share(&|shown, _| shown.chuckhole > 0.5), told_apart(&|sight| sight.chuckhole)],
+        car: [share(&|shown, _| shown.car > 0.5), told_apart(&|sight| sight.car)],
     }
 }
 
@@ -389,6 +403,7 @@ fn auc(scored: &[(bool, f32)]) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::env::CarRacing;
     use crate::simulate::player::DreamPlayer;
 
     #[test]
@@ -440,7 +455,7 @@ mod tests {
         let config = std::env::var("FIT_PROBE")
             .map_or_else(|_| FitProbeConfig::car_racing(), |text| serde_json::from_str(&text).unwrap());
         let begun = std::time::Instant::now();
-        let fit = fit_probe(&config, None, &mut |progress| {
+        let fit = fit_probe(&config, &mut CarRacing::new(Seed::Native(0)), None, &mut |progress| {
             if progress.done % 500 == 0 {
                 eprintln!("{:.0} s {progress:?}", begun.elapsed().as_secs_f64());
             }

@@ -1,4 +1,5 @@
-//! Eyes for stand-ins: a small network that reads off a picture where on the road the car is and how it moves.
+//! Eyes for stand-ins: a small network that reads off a picture where on the road the car is, how it moves, and what it
+//! touches.
 //!
 //! It sees what a person sees: the present picture, and one of a moment before for the motion.
 
@@ -15,10 +16,12 @@ use crate::world_model::{Layer, fast_kind};
 pub const GAP: usize = 4;
 /// Pictures that are looked at together.
 const BATCH: usize = 128;
-/// Numbers that come out: two logits, then what [`Sight`] measures, each divided by its scale.
-pub(super) const N_OUTPUTS: usize = 10;
+/// Numbers that come out first: two logits, then what [`Sight`] measures, each divided by its scale.
+pub(super) const N_MEASURED: usize = 8;
+/// Where the logits of contacts begin, if there are obstacles.
+pub(super) const CONTACTS: usize = 2 + N_MEASURED;
 /// Units, 1, 1, units a second twice, radians three times.
-pub(super) const SCALES: [f32; 8] = [5.0, 1.0, 1.0, 15.0, 15.0, 0.5, 0.5, 1.0];
+pub(super) const SCALES: [f32; N_MEASURED] = [5.0, 1.0, 1.0, 15.0, 15.0, 0.5, 0.5, 1.0];
 /// Beyond this many units from the center line the road is out of sight.
 pub(super) const FARTHEST: f32 = 25.0;
 
@@ -37,12 +40,17 @@ pub struct Sight {
     pub road_velocity: [f32; 2],
     /// The road's change of direction over the next 5, 10 and 20 nodes, radians; positive is left.
     pub bends: [f32; 3],
+    /// Probability that a wheel is in a chuckhole, in `[0, 1]`; 0 where there are none.
+    pub chuckhole: f32,
+    /// Probability that the hull touches another car, in `[0, 1]`; 0 where there are none.
+    pub car: f32,
 }
 
 impl Sight {
     /// What perfect eyes see.
     pub fn of(truth: &Truth) -> Self {
         let share = |is: bool| if is { 1.0 } else { 0.0 };
+        let contacts = truth.contacts.unwrap_or_default();
         Self {
             off_road: share(truth.wheels_off > 0),
             all_off: share(truth.wheels_off == 4),
@@ -50,6 +58,8 @@ impl Sight {
             heading_error: truth.heading_error,
             road_velocity: truth.road_velocity,
             bends: truth.bends,
+            chuckhole: share(contacts.chuckhole),
+            car: share(contacts.car),
         }
     }
 
@@ -77,6 +87,8 @@ impl Sight {
             heading_error: mix(self.heading_error, later.heading_error),
             road_velocity: [0, 1].map(|i| mix(self.road_velocity[i], later.road_velocity[i])),
             bends: [0, 1, 2].map(|i| mix(self.bends[i], later.bends[i])),
+            chuckhole: mix(self.chuckhole, later.chuckhole),
+            car: mix(self.car, later.car),
         }
     }
 
@@ -91,11 +103,13 @@ impl Sight {
             heading_error: measured(1).atan2(measured(2)),
             road_velocity: [measured(3), measured(4)],
             bends: [measured(5), measured(6), measured(7)],
+            chuckhole: outputs.get(CONTACTS).map_or(0.0, |logit| chance(*logit)),
+            car: outputs.get(CONTACTS + 1).map_or(0.0, |logit| chance(*logit)),
         }
     }
 
     /// What the network's measuring outputs should be.
-    pub(super) fn targets(&self) -> [f32; 8] {
+    pub(super) fn targets(&self) -> [f32; N_MEASURED] {
         let (sin, cos) = self.heading_error.sin_cos();
         let [along, across] = self.road_velocity;
         let [near, middle, far] = self.bends;
@@ -114,17 +128,36 @@ pub struct ProbeConfig {
     pub layers: Vec<Layer>,
     /// Units of the hidden layer behind them.
     pub hidden: i64,
+    /// Whether it looks for obstacles that the car touches.
+    #[serde(default)]
+    pub obstacles: bool,
 }
 
 impl ProbeConfig {
     /// For frames of 84 pixels; 190 000 parameters.
     pub fn car_racing() -> Self {
-        Self { side: 84, layers: layers(&[(16, 4), (32, 3), (48, 4), (64, 3)]), hidden: 128 }
+        Self {
+            side: 84,
+            layers: layers(&[(16, 4), (32, 3), (48, 4), (64, 3)]),
+            hidden: 128,
+            obstacles: false,
+        }
+    }
+
+    /// For frames of 128 pixels with obstacles in them.
+    pub fn obstacle_car_racing() -> Self {
+        let layers = layers(&[(16, 4), (32, 3), (48, 4), (64, 3), (64, 3)]);
+        Self { side: 128, layers, hidden: 128, obstacles: true }
     }
 
     /// A toy for frames of 20 pixels.
     pub fn tiny() -> Self {
-        Self { side: 20, layers: layers(&[(8, 4), (16, 4)]), hidden: 32 }
+        Self { side: 20, layers: layers(&[(8, 4), (16, 4)]), hidden: 32, obstacles: false }
+    }
+
+    /// How many numbers come out.
+    pub(super) fn n_outputs(&self) -> usize {
+        if self.obstacles { CONTACTS + 2 } else { CONTACTS }
     }
 }
 
@@ -160,7 +193,7 @@ impl Net {
             side = (side + 2 * layer.padding - layer.kernel) / layer.stride + 1;
         }
         let hidden = weighted("hidden", &[config.hidden, channels * side * side], 6.0);
-        let out = weighted("out", &[N_OUTPUTS as i64, config.hidden], 1.0);
+        let out = weighted("out", &[config.n_outputs() as i64, config.hidden], 1.0);
         Self { config, convs, hidden, out }
     }
 
@@ -168,7 +201,7 @@ impl Net {
     ///
     /// # Shapes
     /// - `earlier`, `now`: `[B, P, P, 3]` in `[0, 1]`
-    /// - returns `[B, 10]`
+    /// - returns `[B, 10]`, or `[B, 12]` with obstacles
     pub(super) fn forward(&self, earlier: &Tensor, now: &Tensor) -> Tensor {
         let [b, p, ..] = dims::<4>(now);
         assert_eq!(p, self.config.side, "a probe sees frames of the size it was fitted on");
@@ -227,9 +260,10 @@ impl Probe {
     pub fn look(&self, earlier: &[Frame], now: &[Frame]) -> Vec<Sight> {
         assert_eq!(earlier.len(), now.len(), "pictures come in pairs");
         let mut sights = Vec::with_capacity(now.len());
+        let n_outputs = self.net.config.n_outputs();
         for (earlier, now) in earlier.chunks(BATCH).zip(now.chunks(BATCH)) {
             let outputs = tch::no_grad(|| self.net.forward(&from_frames(earlier), &from_frames(now)));
-            sights.extend(to_vec(&outputs).chunks_exact(N_OUTPUTS).map(Sight::from_outputs));
+            sights.extend(to_vec(&outputs).chunks_exact(n_outputs).map(Sight::from_outputs));
         }
         sights
     }

@@ -11,7 +11,9 @@ use super::player::play_all;
 use super::probe::Probe;
 use crate::dream::DreamEpisode;
 use crate::env::Frame;
-use crate::query::{DreamId, Protocol, Query, QueryId, Response, SEGMENT_LEN, SegmentRef, sample_queries};
+use crate::query::{
+    DreamId, Justifications, Protocol, Query, QueryId, Response, SEGMENT_LEN, SegmentRef, sample_queries,
+};
 use crate::world_model::{LatentState, WorldModel};
 
 /// Pictures that are decoded together.
@@ -23,6 +25,8 @@ const DECODED: usize = 100;
 pub struct SimulateConfig {
     /// Which questions are asked.
     pub protocol: Protocol,
+    /// What may be named where several justifications are asked for.
+    pub justifications: Justifications,
     /// Queries; those that are skipped count, as in the paper.
     pub n_queries: usize,
     /// Dreams. Paper: 10.
@@ -39,7 +43,14 @@ impl SimulateConfig {
     /// The paper's 500 queries over 10 dreams.
     pub fn car_racing(protocol: Protocol, seed: u64) -> Self {
         let annotator = Annotator::careful();
-        Self { protocol, n_queries: 500, n_dreams: 10, dream_steps: 1000, seed, annotator }
+        let justifications = Justifications::car_racing();
+        Self { protocol, justifications, n_queries: 500, n_dreams: 10, dream_steps: 1000, seed, annotator }
+    }
+
+    /// The paper's 1000 queries over 60 dreams with chuckholes, and with `has_cars` other cars.
+    pub fn obstacle_car_racing(protocol: Protocol, has_cars: bool, seed: u64) -> Self {
+        let justifications = Justifications::obstacle_car_racing(has_cars);
+        Self { justifications, n_queries: 1000, n_dreams: 60, ..Self::car_racing(protocol, seed) }
     }
 }
 
@@ -127,7 +138,8 @@ pub fn simulate(
         // A stream of its own: what is said to one query does not hang on the others.
         let mut rng = ChaCha8Rng::seed_from_u64(config.seed);
         rng.set_stream(1 + u64::from(query.id.0));
-        let response = config.annotator.answer(config.protocol, &left, &right, &mut rng);
+        let SimulateConfig { annotator, protocol, justifications, .. } = config;
+        let response = annotator.answer(*protocol, justifications, &left, &right, &mut rng);
         answers.push(Answered { query, left, right, response });
         if on_progress(Progress::Answered(answers.len(), config.n_queries)).is_break() {
             return None;
