@@ -134,6 +134,7 @@ fn window(
     let backstage = Backstage::default();
     let crew = backstage.clone();
     let startup = Startup {
+        env: "car-racing".to_owned(),
         sessions: dir.to_owned(),
         dataset: "recordings".into(),
         world: Ok(world()),

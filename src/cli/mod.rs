@@ -72,6 +72,25 @@ impl EnvName {
         }
     }
 
+    /// The networks that two cores train and dream with for it.
+    fn world(self) -> WorldModelConfig {
+        match self {
+            Self::CarRacing => WorldModelConfig::car_racing(),
+            Self::ObstacleCarRacing | Self::ObstacleCarRacingChuckholes => {
+                WorldModelConfig::obstacle_compact()
+            }
+        }
+    }
+
+    fn reward(self) -> RewardConfig {
+        match self {
+            Self::CarRacing => RewardConfig::car_racing(),
+            Self::ObstacleCarRacing | Self::ObstacleCarRacingChuckholes => {
+                RewardConfig::obstacle_car_racing()
+            }
+        }
+    }
+
     fn name(self) -> &'static str {
         match self {
             Self::CarRacing => "car-racing",

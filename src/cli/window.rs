@@ -2,19 +2,19 @@
 
 use std::path::{Path, PathBuf};
 
-use dropj::env::{CarRacing, Seed};
-use dropj::planner::PlannerConfig;
-use dropj::reward::RewardConfig;
+use clap::ValueEnum as _;
 use dropj::session::SessionStore;
 use dropj::tensor::from_slice;
 use dropj::ui::{self, DreamStart, LoadedWorld, Plans, Startup, Threads, system_pads};
-use dropj::world_model::WorldModelConfig;
 use dropj::world_model::fit::FitConfig;
 
 use super::{EnvName, models};
 
 #[derive(Debug, Default, clap::Args)]
 pub(crate) struct Options {
+    /// The world; without it the session's, or car-racing
+    #[arg(long, value_enum)]
+    env: Option<EnvName>,
     /// The folder of a session to go on with
     #[arg(long)]
     session: Option<PathBuf>,
@@ -24,28 +24,32 @@ pub(crate) struct Options {
     /// The folder in which sessions are kept
     #[arg(long, default_value = "sessions")]
     sessions: PathBuf,
-    /// The folder of recordings
-    #[arg(long, default_value = "data/car-racing")]
-    data: PathBuf,
+    /// The folder of recordings; without it data/ and the world's name
+    #[arg(long)]
+    data: Option<PathBuf>,
 }
 
 pub(crate) fn run(options: Options) -> anyhow::Result<()> {
-    let env = EnvName::CarRacing;
     // The screen keeps a core: what runs beside it has one thread each.
     tch::set_num_threads(1);
-    let world = options.world.unwrap_or_else(|| models::world_model_asset(env));
     let session = options.session.as_deref().map(|dir| SessionStore::open(dir, None)).transpose()?;
+    let asked = session.as_ref().and_then(|session| EnvName::from_str(&session.header().env, false).ok());
+    let env = options.env.or(asked).unwrap_or(EnvName::CarRacing);
+    let world = options.world.unwrap_or_else(|| models::world_model_asset(env));
     let plans = Plans {
-        env: Box::new(|| Box::new(CarRacing::new(Seed::Native(0)))),
+        env: Box::new(move |aids| env.open(aids)),
         env_name: env.name().to_owned(),
-        world: WorldModelConfig::car_racing(),
+        world: env.world(),
         fit: FitConfig::car_racing(),
-        reward: RewardConfig::car_racing(),
-        planner: PlannerConfig::car_racing(),
+        reward: env.reward(),
+        planner: env.planner(),
     };
+    let shipped = models::world_model_asset(env);
+    let load = move |path: &Path| load(path, path == shipped);
     let startup = Startup {
+        env: env.name().to_owned(),
         sessions: options.sessions,
-        dataset: options.data,
+        dataset: options.data.unwrap_or_else(|| Path::new("data").join(env.name())),
         world: load(&world),
         session,
         load: Box::new(load),
@@ -56,10 +60,9 @@ pub(crate) fn run(options: Options) -> anyhow::Result<()> {
 }
 
 /// The world model in `path`, with what a person may want to know of it.
-fn load(path: &Path) -> Result<LoadedWorld, String> {
+fn load(path: &Path, is_shipped: bool) -> Result<LoadedWorld, String> {
     let model = models::world_model(path).map_err(|e| format!("{e:#}"))?;
-    let shipped = models::world_model_asset(EnvName::CarRacing);
-    let name = if path == shipped {
+    let name = if is_shipped {
         "the shipped one".to_owned()
     } else {
         path.file_name().unwrap_or_default().to_string_lossy().into_owned()

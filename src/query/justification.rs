@@ -55,7 +55,9 @@ pub enum JustificationError {
 pub struct Justifications(Vec<(String, f32)>);
 
 impl Justifications {
-    /// Names with their weights `w_k`, the most severe first, the default last: `1 ≥ w_1 ≥ … ≥ w_N > ½`.
+    /// Names with their weights `w_k`, the most severe first: `1 ≥ w_1 ≥ w_2 ≥ … > ½`; the default last.
+    ///
+    /// The default, which is no degree of severity, may weigh anything in `(½, 1]`; the paper also tries 1 for it.
     pub fn new<S: Into<String>>(
         named: impl IntoIterator<Item = (S, f32)>,
     ) -> Result<Self, JustificationError> {
@@ -72,7 +74,7 @@ impl Justifications {
                 return Err(JustificationError::Weight { name: name.clone(), weight: *weight });
             }
         }
-        if let Some(pair) = named.windows(2).find(|pair| pair[1].1 > pair[0].1) {
+        if let Some(pair) = named[..named.len() - 1].windows(2).find(|pair| pair[1].1 > pair[0].1) {
             return Err(JustificationError::Order { name: pair[1].0.clone(), above: pair[0].0.clone() });
         }
         Ok(Self(named))

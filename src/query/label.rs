@@ -50,6 +50,16 @@ impl Weights {
         Self { safety: 1.0, default: 0.75, justifications: Justifications::car_racing() }
     }
 
+    /// The weights to begin with in the environment of this name, as on the command line.
+    pub fn of_env(env: &str) -> Self {
+        let justifications = match env {
+            "obstacle-car-racing" => Justifications::obstacle_car_racing(true),
+            "obstacle-car-racing-chuckholes" => Justifications::obstacle_car_racing(false),
+            _ => Justifications::car_racing(),
+        };
+        Self { justifications, ..Self::car_racing() }
+    }
+
     /// The label of `response`, or nothing where it was skipped.
     ///
     /// DROP and DROPe: μ = 1, ½, 0 (method §7.2).

@@ -23,6 +23,11 @@ impl Protocol {
     /// All of them, in the order of the paper.
     pub const ALL: [Self; 4] = [Self::Drop, Self::Drope, Self::Dropj, Self::DropjMulti];
 
+    /// What a session in the environment of this name asks where nothing else is said.
+    pub fn of_env(env: &str) -> Self {
+        if env.starts_with("obstacle") { Self::DropjMulti } else { Self::Dropj }
+    }
+
     /// The name in the paper.
     pub fn name(self) -> &'static str {
         match self {

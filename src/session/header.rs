@@ -67,7 +67,7 @@ impl Header {
             world_model: world_model.to_owned(),
             world_model_path: None,
             created_at,
-            config: Config { weights: Weights::car_racing(), annotator: anonymous() },
+            config: Config { weights: Weights::of_env(env), annotator: anonymous() },
         }
     }
 

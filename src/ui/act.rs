@@ -455,12 +455,10 @@ impl App {
             self.fail("a session needs a world model: load one first".to_owned());
             return;
         };
-        let config = world.parameters.metadata("config").unwrap_or_default();
-        let config: Option<WorldModelConfig> = serde_json::from_str(&config).ok();
-        let env = config.map_or_else(|| "car-racing".to_owned(), |config| config.env);
         let path =
             world.path.as_ref().filter(|path| path.is_absolute()).map(|path| path.display().to_string());
-        let header = Header::new(&env, protocol, fresh_seed() >> 11, &self.state.world.hash, millis());
+        let header =
+            Header::new(&self.state.env, protocol, fresh_seed() >> 11, &self.state.world.hash, millis());
         let header = Header { world_model_path: path, ..header };
         match SessionStore::create_in(&self.sessions, header) {
             Ok(store) => {

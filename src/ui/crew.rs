@@ -1,6 +1,6 @@
 //! Whoever does the slow work, as the window sees them.
 
-use crate::env::Env;
+use crate::env::{Aids, Env};
 use crate::planner::PlannerConfig;
 use crate::reward::RewardConfig;
 use crate::tensor::Parameters;
@@ -58,8 +58,8 @@ pub trait Crew {
 
 /// What workers are made with.
 pub struct Plans {
-    /// Makes the real world.
-    pub env: Box<dyn Fn() -> Box<dyn Env>>,
+    /// Makes the real world; its aids help a deployed car, as in the paper's evaluation, and nobody who records.
+    pub env: Box<dyn Fn(Aids) -> Box<dyn Env>>,
     /// What it is called in recordings.
     pub env_name: String,
     /// The shapes of a world model that is fitted here.
@@ -111,7 +111,13 @@ impl Crew for Threads {
             (Order::Recorder(command), _) => {
                 let start = || {
                     let view = slots.record.clone();
-                    recorder::spawn((plans.env)(), &plans.env_name, slots.action.clone(), view, reports)
+                    recorder::spawn(
+                        (plans.env)(Aids::NONE),
+                        &plans.env_name,
+                        slots.action.clone(),
+                        view,
+                        reports,
+                    )
                 };
                 self.recorder.get_or_insert_with(start).send(command);
             }
@@ -133,7 +139,7 @@ impl Crew for Threads {
             (Order::Driver(command), Some(model)) => {
                 let start = || {
                     let view = slots.drive.clone();
-                    driver::spawn((plans.env)(), model, plans.planner.clone(), view, reports)
+                    driver::spawn((plans.env)(Aids::ALL), model, plans.planner.clone(), view, reports)
                 };
                 self.driver.get_or_insert_with(start).send(command);
             }

@@ -42,6 +42,8 @@ pub type Hire = Box<dyn FnOnce(&Reports, Option<&Parameters>) -> Box<dyn Crew>>;
 
 /// What a window begins with.
 pub struct Startup {
+    /// The environment that it is about, as on the command line.
+    pub env: String,
     /// The folder of sessions.
     pub sessions: PathBuf,
     /// The folder of recordings.

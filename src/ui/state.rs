@@ -46,6 +46,8 @@ pub struct LoadedWorld {
 /// Everything that panels read.
 #[derive(Default)]
 pub(crate) struct State {
+    /// The environment, as on the command line.
+    pub(crate) env: String,
     /// Seconds since the window opened.
     pub now: f64,
     /// What is shown.
@@ -334,12 +336,12 @@ impl State {
 
     /// The questions that are asked.
     pub(crate) fn protocol(&self) -> Protocol {
-        self.session().map_or(Protocol::Dropj, Session::protocol)
+        self.session().map_or_else(|| Protocol::of_env(&self.env), Session::protocol)
     }
 
     /// What answers weigh.
     pub(crate) fn weights(&self) -> Weights {
-        self.session().map_or_else(Weights::car_racing, |session| session.weights().clone())
+        self.session().map_or_else(|| Weights::of_env(&self.env), |session| session.weights().clone())
     }
 
     /// What is typed into a field.
