@@ -14,6 +14,7 @@ mod trace;
 mod window;
 
 use clap::{Parser, Subcommand, ValueEnum};
+use dropj::query::Protocol;
 
 /// Safe reward learning from a person who drives in a dream and says what they prefer, and why.
 #[derive(Debug, Parser)]
@@ -64,6 +65,11 @@ impl EnvName {
             Self::ObstacleCarRacingChuckholes => "obstacle-car-racing-chuckholes",
         }
     }
+}
+
+/// The protocols' names, one after the other.
+fn names(protocols: &[Protocol]) -> String {
+    protocols.iter().map(|protocol| protocol.name()).collect::<Vec<_>>().join(", ")
 }
 
 /// Carries out what was asked.
