@@ -3,6 +3,7 @@
 #![expect(clippy::print_stderr, reason = "and of its progress on standard error")]
 
 mod check_world;
+mod compare;
 mod deploy;
 mod fit_probe;
 mod fit_world;
@@ -40,6 +41,8 @@ enum Command {
     Simulate(simulate::Options),
     /// Drive the real car by a session's reward (step 4)
     Deploy(deploy::Options),
+    /// Say whether methods differ by more than chance, from what `deploy --json` printed of each
+    Compare(compare::Options),
     /// Go through a session again from its files
     Replay(replay::Options),
     /// Print an episode step by step, in the columns of the reference traces
@@ -82,6 +85,7 @@ pub(crate) fn run(cli: Cli) -> anyhow::Result<()> {
         Some(Command::FitProbe(options)) => fit_probe::run(&options),
         Some(Command::Simulate(options)) => simulate::run(&options),
         Some(Command::Deploy(options)) => deploy::run(&options),
+        Some(Command::Compare(options)) => compare::run(&options),
         Some(Command::Replay(options)) => replay::run(&options),
         Some(Command::Trace(options)) => trace::run(&options),
     }
