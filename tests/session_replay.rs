@@ -2,6 +2,7 @@
 
 use std::path::Path;
 
+use dropj::query::Protocol;
 use dropj::session::{SessionStore, replay};
 
 #[test]
@@ -15,6 +16,10 @@ fn the_example_replays_and_its_rewards_are_learned_again() {
         statistics.n_answered > 0 && statistics.n_skipped > 0,
         "answers and a skip are in it: {statistics:?}"
     );
+    let protocols = [Protocol::Drop, Protocol::Drope, Protocol::Dropj];
+    assert_eq!(replayed.session.protocols(), protocols, "all that can be simulated are answered in it");
+    let log = std::fs::read_to_string(dir.join("events.jsonl")).unwrap();
+    assert!(log.contains(r#"{"event":"retracted""#), "an undo is in it");
     assert!(!replayed.clips.is_empty(), "its clips decode");
     assert!(!replayed.fits.is_empty(), "a fit is in it");
     for fit in &replayed.fits {

@@ -3,6 +3,7 @@
 #![expect(clippy::print_stderr, reason = "and of its progress on standard error")]
 
 mod check_world;
+mod compare;
 mod deploy;
 mod fit_probe;
 mod fit_world;
@@ -15,6 +16,7 @@ mod window;
 
 use clap::{Parser, Subcommand, ValueEnum};
 use dropj::env::{Aids, CarRacing, Env, ObstacleCarRacing, Obstacles, Seed};
+use dropj::query::Protocol;
 
 /// Safe reward learning from a person who drives in a dream and says what they prefer, and why.
 #[derive(Debug, Parser)]
@@ -40,6 +42,8 @@ enum Command {
     Simulate(simulate::Options),
     /// Drive the real car by a session's reward (step 4)
     Deploy(deploy::Options),
+    /// Say whether methods differ by more than chance, from what `deploy --json` printed of each
+    Compare(compare::Options),
     /// Go through a session again from its files
     Replay(replay::Options),
     /// Print an episode step by step, in the columns of the reference traces
@@ -100,6 +104,11 @@ impl EnvName {
     }
 }
 
+/// The protocols' names, one after the other.
+fn names(protocols: &[Protocol]) -> String {
+    protocols.iter().map(|protocol| protocol.name()).collect::<Vec<_>>().join(", ")
+}
+
 /// Carries out what was asked.
 pub(crate) fn run(cli: Cli) -> anyhow::Result<()> {
     match cli.command {
@@ -110,6 +119,7 @@ pub(crate) fn run(cli: Cli) -> anyhow::Result<()> {
         Some(Command::FitProbe(options)) => fit_probe::run(&options),
         Some(Command::Simulate(options)) => simulate::run(&options),
         Some(Command::Deploy(options)) => deploy::run(&options),
+        Some(Command::Compare(options)) => compare::run(&options),
         Some(Command::Replay(options)) => replay::run(&options),
         Some(Command::Trace(options)) => trace::run(&options),
     }

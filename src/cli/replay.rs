@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use dropj::session::{SessionStore, replay};
 
-use super::models;
+use super::{models, names};
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct Options {
@@ -28,7 +28,7 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
     let statistics = replayed.session.statistics();
     println!(
         "{}: {} dreams, {} answers, {} skipped, {} clips decoded, {} fits",
-        replayed.header.protocol.name(),
+        names(&replayed.session.protocols()),
         replayed.session.dreams().len(),
         statistics.n_answered,
         statistics.n_skipped,

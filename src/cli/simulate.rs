@@ -1,31 +1,32 @@
 //! `dropj simulate`.
 
 use std::collections::BTreeMap;
+use std::convert::Infallible;
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use anyhow::Context as _;
-use dropj::dream::Rows;
-use dropj::query::{DreamId, LabeledQuery, Protocol, SegmentRef};
-use dropj::reward::{RewardConfig, RewardEnsemble, SegmentPair, Trainer, segment_rows};
+use dropj::query::{Protocol, Query, SegmentRef};
+use dropj::reward::{Fitted, RewardConfig, fit_anew, segment_rows};
 use dropj::session::{Answer, Choice, DreamSource, Event, Fit, Header, SessionStore, now};
 use dropj::simulate::annotator::Annotator;
-use dropj::simulate::run::{Progress, SimulateConfig, simulate};
+use dropj::simulate::run::{Answered, Progress, SimulateConfig, simulate};
 use dropj::world_model::WorldModel;
-use rand::SeedableRng as _;
-use rand_chacha::ChaCha8Rng;
 
-use super::{EnvName, models};
+use super::{EnvName, models, names};
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct Options {
-    /// Which questions are asked
-    #[arg(long, value_parser = parse_protocol, default_value = "dropj")]
-    protocol: Protocol,
+    /// Which questions are asked; of several, such as drop,drope,dropj, each gets its share of the queries
+    #[arg(long, value_parser = parse_protocol, value_delimiter = ',', default_value = "dropj")]
+    protocol: Vec<Protocol>,
     /// How many queries; those that are skipped count
     #[arg(long, default_value_t = 500)]
     queries: usize,
+    /// How many answers are taken back and given again, evenly spread
+    #[arg(long, default_value_t = 0)]
+    undo: usize,
     /// How many dreams are played
     #[arg(long, default_value_t = 10)]
     dreams: usize,
@@ -103,13 +104,13 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
     let world = options.world.clone().unwrap_or_else(|| models::world_model_asset(env));
     let model = models::world_model(&world)?;
     let probe = models::probe(options.probe.as_deref())?;
-    let mut header = Header::new(env.name(), options.protocol, options.seed, &model.hash(), now());
+    let mut header = Header::new(env.name(), options.protocol[0], options.seed, &model.hash(), now());
     "simulated".clone_into(&mut header.config.annotator);
     header.world_model_path = relative(&options.out, &world);
     let mut store = SessionStore::create(&options.out, header)?;
 
     let config = SimulateConfig {
-        protocol: options.protocol,
+        protocols: options.protocol.clone(),
         n_queries: options.queries,
         n_dreams: options.dreams,
         dream_steps: options.steps,
@@ -137,18 +138,15 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
     for dream in &simulated.dreams {
         store.save_dream(dream, DreamSource::Simulated)?;
     }
-    for answered in &simulated.answers {
-        let query = answered.query;
-        let asked =
-            Event::Asked { query: query.id, left: query.left, right: query.right, choice: Choice::Uniform };
-        store.record(asked)?;
-        let answer = Answer::new(answered.query.id, answered.response, 0.0, "simulated");
-        store.record(Event::Answered(answer))?;
+    let n = simulated.answers.len();
+    for (i, answered) in simulated.answers.iter().enumerate() {
+        let is_undone = (i + 1) * options.undo / n > i * options.undo / n;
+        record(&mut store, answered, is_undone)?;
     }
     let fit = fit_reward(&mut store, &model, options.seed)?;
     println!(
         "{}: {} dreams, {} queries, {} labels; {:.0} % of the clips unsafe; losses {:.4?}; {:.0} s; {:?}",
-        options.protocol.name(),
+        names(&store.session().protocols()),
         simulated.dreams.len(),
         simulated.answers.len(),
         fit.n_labels,
@@ -160,43 +158,42 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
     Ok(())
 }
 
+/// Writes an answer down; one that `is_undone` is taken back and given again.
+fn record(store: &mut SessionStore, answered: &Answered, is_undone: bool) -> anyhow::Result<()> {
+    let &Answered { query: Query { id: query, left, right }, protocol, response, .. } = answered;
+    if protocol != store.session().protocol() {
+        store.record(Event::ProtocolChanged { protocol })?;
+    }
+    store.record(Event::Asked { query, left, right, choice: Choice::Uniform })?;
+    let answer = Event::Answered(Answer::new(query, response, 0.0, "simulated"));
+    if is_undone {
+        store.record(answer.clone())?;
+        store.record(Event::Retracted { query })?;
+    }
+    store.record(answer)?;
+    Ok(())
+}
+
 /// Fits a fresh reward to every answer of the session and keeps it there.
-pub(crate) fn fit_reward(store: &mut SessionStore, model: &WorldModel, seed: u64) -> anyhow::Result<Fit> {
+fn fit_reward(store: &mut SessionStore, model: &WorldModel, seed: u64) -> anyhow::Result<Fit> {
     let mut dreams = BTreeMap::new();
     for kept in store.session().dreams() {
         let episode = store.dream(kept.dream)?;
         let features = episode.features(model);
         dreams.insert(kept.dream, (episode.actions, features));
     }
-    let rows = |dreams: &BTreeMap<DreamId, (Vec<_>, Rows)>, segment: SegmentRef| {
+    let rows = |segment: SegmentRef| {
         let (actions, features) = &dreams[&segment.dream];
-        segment_rows(features, actions, segment)
+        Ok::<_, Infallible>(segment_rows(features, actions, segment))
     };
-    let mut labels = store.session().labeled();
+    let labels = store.session().labeled();
     anyhow::ensure!(!labels.is_empty(), "there are no answers to learn from");
-    labels.sort_by_key(|labeled| labeled.query.id);
-    let rng = &mut ChaCha8Rng::seed_from_u64(seed);
     let config = RewardConfig::car_racing();
-    let fresh = RewardEnsemble::new(model.config().n_features(), &model.hash(), config.clone(), rng);
-    let mut trainer = Trainer::new(fresh);
-    for LabeledQuery { query, label } in &labels {
-        let (left, right) = (rows(&dreams, query.left), rows(&dreams, query.right));
-        trainer.learn(&SegmentPair { left, right, label: *label });
-    }
-    let mut losses = Vec::new();
-    let done = trainer.fit(rng, |report| {
-        losses = report.losses.iter().map(|loss| *loss as f32).collect();
-        ControlFlow::Continue(())
-    });
-    anyhow::ensure!(done.is_continue(), "the fit was broken off");
-    let fit = Fit {
-        after: store.session().n_entries(),
-        n_labels: labels.len(),
-        seed,
-        epochs: config.epochs as u32,
-        losses,
-        held_out: None,
-    };
+    let epochs = config.epochs as u32;
+    let Ok(fitted) = fit_anew(model, config, seed, &labels, rows, |_| ControlFlow::Continue(()));
+    let Fitted { trainer, losses } = fitted.context("the fit was broken off")?;
+    let after = store.session().n_entries();
+    let fit = Fit { after, n_labels: labels.len(), seed, epochs, losses, held_out: None };
     store.save_reward(&trainer.ensemble().parameters(), fit.clone())?;
     Ok(fit)
 }

@@ -51,6 +51,12 @@ impl ControlConfig {
     }
 }
 
+impl Default for ControlConfig {
+    fn default() -> Self {
+        Self::paper()
+    }
+}
+
 /// Which driving keys are down.
 ///
 /// Of ← and → the one pressed last wins; releasing it gives back the other if that is still held.

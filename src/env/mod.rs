@@ -123,7 +123,7 @@ pub struct Truth {
     pub road_velocity: [f32; 2],
     /// Signed distance of the hull from the center line in units; positive is right of it. Half the road is 6.67.
     pub lateral: f32,
-    /// Hull heading minus road heading in `(-π, π]`; positive points left of the road.
+    /// Hull heading minus road heading in `[-π, π)`; positive points left of the road.
     pub heading_error: f32,
     /// The road's change of direction over the next 5, 10 and 20 nodes (3.5 units each), radians; positive is left.
     pub bends: [f32; 3],

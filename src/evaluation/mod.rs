@@ -4,6 +4,7 @@
 
 pub mod fidelity;
 pub mod metrics;
+pub mod significance;
 pub mod table;
 
 use std::ops::ControlFlow;
@@ -15,6 +16,7 @@ use crate::reward::RewardModel;
 use crate::world_model::WorldModel;
 
 pub use metrics::{EpisodeMetrics, MeanSd, Summary, Tally};
+pub use significance::{Dunn, KruskalWallis, dunn, kruskal_wallis};
 pub use table::table;
 
 /// Which track each episode has: that of the seed plus its number, whatever the method.

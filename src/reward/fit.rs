@@ -68,7 +68,8 @@ pub struct Trainer {
     ensemble: RewardEnsemble,
     adam: nn::Optimizer,
     pairs: Vec<Pair>,
-    foretold: Vec<Foretold>,
+    /// What was foretold of each answer, where it was.
+    foretold: Vec<Option<Foretold>>,
 }
 
 /// A [`SegmentPair`] in the ensemble's arithmetic.
@@ -106,13 +107,38 @@ impl Trainer {
     /// # Panics
     /// Where the segments are not [`SEGMENT_LEN`] rows of the ensemble's width.
     pub fn learn(&mut self, pair: &SegmentPair) -> Foretold {
+        self.take_up(pair);
+        let idx = self.pairs.len() - 1;
+        let foretold = self.foretell(&self.pairs[idx]);
+        self.foretold[idx] = Some(foretold);
+        foretold
+    }
+
+    /// Takes up an answer and foretells nothing, as where the ensemble has learned too little for that.
+    ///
+    /// # Panics
+    /// Where the segments are not [`SEGMENT_LEN`] rows of the ensemble's width.
+    pub fn take_up(&mut self, pair: &SegmentPair) {
         let shape = [SEGMENT_LEN as i64, self.ensemble.row_len()];
         let rows = Tensor::stack(&[from_slice(&pair.left, &shape), from_slice(&pair.right, &shape)], 0);
-        let pair = Pair { rows: rows.to_kind(self.ensemble.kind), label: pair.label };
-        let foretold = self.foretell(&pair);
-        self.foretold.push(foretold);
-        self.pairs.push(pair);
-        foretold
+        self.pairs.push(Pair { rows: rows.to_kind(self.ensemble.kind), label: pair.label });
+        self.foretold.push(None);
+    }
+
+    /// Changes what was answered at `idx`; what was foretold of it stays, for now it is no longer new.
+    ///
+    /// # Panics
+    /// Where there is no answer.
+    pub fn relabel(&mut self, idx: usize, label: Label) {
+        self.pairs[idx].label = label;
+        if let Some(foretold) = &mut self.foretold[idx] {
+            foretold.label = label;
+        }
+    }
+
+    /// Goes on with the ensemble of `fitted`; answers, and what was foretold of them, stay.
+    pub fn adopt(&mut self, fitted: Self) {
+        (self.ensemble, self.adam) = (fitted.ensemble, fitted.adam);
     }
 
     /// Drops the answer at `idx`, in the order of taking up; what it has taught so far stays until the next fit.
@@ -126,12 +152,13 @@ impl Trainer {
 
     /// How well the last [`RECENT`] answers were foretold before they were learned.
     pub fn recent(&self) -> Option<Figures> {
-        Figures::of(&self.foretold[self.foretold.len().saturating_sub(RECENT)..])
+        let foretold: Vec<_> = self.foretold.iter().flatten().copied().collect();
+        Figures::of(&foretold[foretold.len().saturating_sub(RECENT)..])
     }
 
     /// How well all answers were foretold before they were learned.
     pub fn overall(&self) -> Option<Figures> {
-        Figures::of(&self.foretold)
+        Figures::of(&self.foretold.iter().flatten().copied().collect::<Vec<_>>())
     }
 
     /// Fits a fresh ensemble to all answers, as the authors do: no validation split, a fixed number of steps.
@@ -391,7 +418,8 @@ mod tests {
         });
         trainer.learn(&surprising);
         (0..50).for_each(|_| drop(trainer.warm(&mut rng(0))));
-        assert!((trainer.foretold[8].p - p.p).abs() < 1e-2, "later steps do not change what was foretold");
+        let foretold = trainer.foretold[8].unwrap();
+        assert!((foretold.p - p.p).abs() < 1e-2, "later steps do not change what was foretold");
         assert_eq!(trainer.overall().map(|figures| figures.n), Some(9));
     }
 
@@ -400,6 +428,17 @@ mod tests {
         let mut trainer = trainer(RewardConfig::tiny());
         trainer.forget(0);
         assert_eq!((trainer.n_labels(), trainer.overall().map(|figures| figures.n)), (7, Some(7)));
+    }
+
+    #[test]
+    fn a_changed_answer_was_foretold_when_it_was_new() {
+        let mut trainer = trainer(RewardConfig::tiny());
+        let before = trainer.foretold[3].unwrap();
+        trainer.relabel(3, Label::EQUAL);
+        assert_eq!(trainer.foretold[3], Some(Foretold { label: Label::EQUAL, ..before }));
+        trainer.take_up(&pair(SafetyAnswer::OnlyLeft, 9));
+        trainer.adopt(Trainer::new(RewardEnsemble::new(F, "sha256:0", RewardConfig::tiny(), &mut rng(1))));
+        assert_eq!((trainer.n_labels(), trainer.overall().map(|figures| figures.n)), (9, Some(8)));
     }
 
     #[test]

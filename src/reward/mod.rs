@@ -5,6 +5,7 @@
 pub mod figures;
 pub mod fit;
 pub mod frozen;
+pub mod recipe;
 
 use rand::{Rng, SeedableRng as _};
 use rand_chacha::ChaCha8Rng;
@@ -18,6 +19,7 @@ use crate::world_model::fast_kind;
 pub use figures::Figures;
 pub use fit::{EpochReport, SegmentPair, Trainer, segment_rows};
 pub use frozen::FrozenReward;
+pub use recipe::{Fitted, fit_anew};
 
 /// The shape of a [`RewardEnsemble`], and how it is fitted (method §8).
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

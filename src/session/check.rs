@@ -3,9 +3,9 @@
 use std::path::{Component, Path};
 
 use crate::query::{Query, QueryId, Response, SEGMENT_LEN, SegmentRef, Weights};
-use crate::session::Session;
 use crate::session::error::Impossible;
 use crate::session::event::{Answer, Choice, Event};
+use crate::session::{Given, Session};
 
 impl Session {
     /// Whether `event` can happen now.
@@ -22,13 +22,17 @@ impl Session {
             }
             Event::Asked { query, left, right, choice } => self.check_asked(*query, [*left, *right], *choice),
             Event::Answered(answer) => self.check_answer(answer),
+            Event::SkipExplained { query, .. } => match self.asked(*query)?.answer() {
+                Some(Given { answer: Answer { response: Response::Skipped(_), .. }, .. }) => Ok(()),
+                _ => Err(Impossible::NotSkipped(*query)),
+            },
             Event::Retracted { query } if self.asked(*query)?.given.is_empty() => {
                 Err(Impossible::NotAnswered(*query))
             }
             Event::Restored { query } if self.asked(*query)?.retracted.is_empty() => {
                 Err(Impossible::NotRetracted(*query))
             }
-            Event::Retracted { .. } | Event::Restored { .. } => Ok(()),
+            Event::ProtocolChanged { .. } | Event::Retracted { .. } | Event::Restored { .. } => Ok(()),
             Event::Flagged { query } | Event::Unflagged { query } => self.asked(*query).map(drop),
             Event::WeightsChanged { weights } => {
                 let names = |weights: &Weights| -> Vec<String> {

@@ -54,9 +54,12 @@ pub enum Impossible {
     Response {
         /// The query.
         query: QueryId,
-        /// The session's.
+        /// The one in force.
         protocol: Protocol,
     },
+    /// A reason is given for a skip that was none.
+    #[error("query {} was not skipped, so there is no reason for that", .0.0)]
+    NotSkipped(QueryId),
     /// The justification is not in the session's list.
     #[error("query {} was answered with a justification that the session does not have", .0.0)]
     Justification(QueryId),
@@ -135,7 +138,7 @@ pub enum SessionError {
         path: PathBuf,
     },
     /// The session was written in another format.
-    #[error("this is a session of format {found}, and this program reads format {known}: {path:?}")]
+    #[error("this is a session of format {found}, and this program reads formats up to {known}: {path:?}")]
     Format {
         /// Its format.
         found: u64,

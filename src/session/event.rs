@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::query::{DreamId, QueryId, Response, SegmentRef, Weights};
+use crate::query::{DreamId, Protocol, QueryId, Response, SegmentRef, SkipReason, Weights};
 
 /// One thing that happened.
 ///
@@ -24,8 +24,20 @@ pub enum Event {
         /// Why this one.
         choice: Choice,
     },
+    /// From here on other questions are asked, of queries that are asked already too.
+    ProtocolChanged {
+        /// Which.
+        protocol: Protocol,
+    },
     /// A query was answered or skipped; an earlier answer to it no longer counts.
     Answered(Answer),
+    /// It was said why a query was skipped: a part of that answer, and no other one.
+    SkipExplained {
+        /// Which one.
+        query: QueryId,
+        /// Why.
+        reason: SkipReason,
+    },
     /// The answer that counts for a query was taken back; the one before it counts again, if there is one.
     Retracted {
         /// Of which query.
@@ -214,7 +226,7 @@ impl Entry {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::query::{Justification, Preference, SafetyAnswer, SkipReason};
+    use crate::query::{Justification, Preference, SafetyAnswer};
 
     fn one_of_each() -> Vec<Event> {
         let query = QueryId(1);
@@ -253,6 +265,8 @@ mod tests {
             Event::Unflagged { query },
             Event::WeightsChanged { weights: Weights { default: 0.7, ..Weights::car_racing() } },
             Event::Fitted { fit, file: "reward/0000.safetensors".to_owned(), sha256: "sha256:00".to_owned() },
+            Event::ProtocolChanged { protocol: Protocol::DropjMulti },
+            Event::SkipExplained { query, reason: SkipReason::Ambiguous },
         ]
     }
 
@@ -278,6 +292,8 @@ mod tests {
         {"event":"unflagged","query":1,"seq":11,"at":1795342500000}
         {"event":"weights_changed","weights":{"safety":1.0,"default":0.7,"justifications":[["grass",1.0],["default",0.75]]},"seq":12,"at":1795342500000}
         {"event":"fitted","fit":{"after":9,"n_labels":4,"seed":7,"epochs":100,"losses":[0.5,0.25]},"file":"reward/0000.safetensors","sha256":"sha256:00","seq":13,"at":1795342500000}
+        {"event":"protocol_changed","protocol":"dropj-multi","seq":14,"at":1795342500000}
+        {"event":"skip_explained","query":1,"reason":"ambiguous","seq":15,"at":1795342500000}
         "#);
     }
 

@@ -11,7 +11,7 @@ use crate::session::{Given, Session};
 /// One line of names, then one line an answer; commas between, quotes where needed (RFC 4180).
 pub fn labels_csv(session: &Session) -> String {
     let mut csv = String::from(
-        "query,left_dream,left_start,right_dream,right_start,choice,skipped,left_safe,right_safe,justification,\
+        "query,left_dream,left_start,right_dream,right_start,choice,protocol,skipped,left_safe,right_safe,justification,\
          preference,mu,secs,loops,annotator,sides_swapped,left_unsafe_from,right_unsafe_from,at\n",
     );
     for given in session.answers() {
@@ -23,7 +23,7 @@ pub fn labels_csv(session: &Session) -> String {
 }
 
 fn write_row(csv: &mut String, query: Query, choice: Choice, given: &Given, weights: &Weights) {
-    let Given { answer, at, .. } = given;
+    let Given { answer, protocol, at, .. } = given;
     let choice = match choice {
         Choice::Uniform => "uniform".to_owned(),
         Choice::Disagreement => "disagreement".to_owned(),
@@ -39,6 +39,7 @@ fn write_row(csv: &mut String, query: Query, choice: Choice, given: &Given, weig
         query.right.dream.0.to_string(),
         query.right.start.to_string(),
         choice,
+        protocol.name().to_owned(),
     ];
     let said = said(answer.response, weights);
     let how = [

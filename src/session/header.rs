@@ -9,8 +9,10 @@ use crate::session::check::check_weights;
 use crate::session::error::SessionError;
 use crate::session::{Session, arrays};
 
-/// The format of sessions that this program writes, and the only one that it reads.
-pub const FORMAT: u32 = 1;
+/// The format of sessions that this program writes; it reads those before it too, for it only added events.
+///
+/// 2: `protocol_changed` and `skip_explained`.
+pub const FORMAT: u32 = 2;
 
 /// The name of its file in the session's folder.
 pub(crate) const FILE: &str = "session.json";
@@ -25,7 +27,7 @@ pub struct Header {
     pub app: String,
     /// The environment, as on the command line.
     pub env: String,
-    /// Which questions are asked.
+    /// Which questions are asked, until the log says otherwise.
     pub protocol: Protocol,
     /// What the session's generators are seeded from.
     pub seed: u64,
@@ -106,7 +108,7 @@ impl Header {
         let value: serde_json::Value = serde_json::from_slice(&bytes).map_err(|e| wrong(e.to_string()))?;
         // Before anything else: another format may have other fields.
         match value.get("format").and_then(serde_json::Value::as_u64) {
-            Some(found) if found == u64::from(FORMAT) => {}
+            Some(found) if (1..=u64::from(FORMAT)).contains(&found) => {}
             Some(found) => return Err(SessionError::Format { found, known: FORMAT, path }),
             None => return Err(wrong("it has no number \"format\"".to_owned())),
         }
@@ -154,16 +156,16 @@ mod tests {
     fn the_header_looks_as_it_always_did() {
         let header = Header::new("car-racing", Protocol::Dropj, 7, "sha256:00", 0);
         let text = serde_json::to_string(&Header { app: "0.1.0".to_owned(), ..header }).unwrap();
-        insta::assert_snapshot!(text, @r#"{"format":1,"app":"0.1.0","env":"car-racing","protocol":"dropj","seed":7,"world_model":"sha256:00","created_at":0,"config":{"weights":{"safety":1.0,"default":0.75,"justifications":[["grass",1.0],["default",0.75]]},"annotator":"anonymous"}}"#);
+        insta::assert_snapshot!(text, @r#"{"format":2,"app":"0.1.0","env":"car-racing","protocol":"dropj","seed":7,"world_model":"sha256:00","created_at":0,"config":{"weights":{"safety":1.0,"default":0.75,"justifications":[["grass",1.0],["default",0.75]]},"annotator":"anonymous"}}"#);
     }
 
     #[test]
     fn another_format_is_named_before_its_fields() {
         let dir = tempfile::tempdir().unwrap();
-        std::fs::write(dir.path().join(FILE), r#"{"format": 2, "dreamer": "me"}"#).unwrap();
+        std::fs::write(dir.path().join(FILE), r#"{"format": 3, "dreamer": "me"}"#).unwrap();
         let refused = Header::read(dir.path()).unwrap_err().to_string();
         assert!(
-            refused.starts_with("this is a session of format 2, and this program reads format 1"),
+            refused.starts_with("this is a session of format 3, and this program reads formats up to 2"),
             "{refused}"
         );
         std::fs::write(dir.path().join(FILE), r#"{"format": 1, "dreamer": "me"}"#).unwrap();

@@ -28,7 +28,7 @@ pub mod store;
 
 use std::collections::BTreeMap;
 
-use crate::query::{DreamId, Label, LabeledQuery, Protocol, Query, QueryId, Weights};
+use crate::query::{DreamId, Label, LabeledQuery, Protocol, Query, QueryId, Response, Weights};
 
 pub use error::{Impossible, SessionError};
 pub use event::{Answer, Choice, DreamSource, Entry, Event, Fit, KeptDream};
@@ -44,6 +44,8 @@ pub use store::{SessionStore, now};
 pub struct Given {
     /// What was answered.
     pub answer: Answer,
+    /// To which questions.
+    pub protocol: Protocol,
     /// The number of the line.
     pub seq: u64,
     /// When, in milliseconds since 1970.
@@ -128,8 +130,14 @@ impl Session {
                 self.active_secs += answer.secs.min(statistics::IDLE_SECS);
                 let asked = &mut self.queries[answer.query.0 as usize];
                 asked.retracted.clear();
-                asked.given.push(Given { answer: answer.clone(), seq: entry.seq, at: entry.at });
+                let (answer, protocol) = (answer.clone(), self.protocol);
+                asked.given.push(Given { answer, protocol, seq: entry.seq, at: entry.at });
             }
+            &Event::SkipExplained { query, reason } => {
+                let skip = self.queries[query.0 as usize].given.last_mut();
+                skip.expect("it was skipped").answer.response = Response::Skipped(Some(reason));
+            }
+            Event::ProtocolChanged { protocol } => self.protocol = *protocol,
             Event::Retracted { query } => {
                 let asked = &mut self.queries[query.0 as usize];
                 asked.retracted.extend(asked.given.pop());
@@ -155,7 +163,7 @@ impl Session {
         self.query(query).ok_or(Impossible::NeverAsked(query))
     }
 
-    /// Which questions are asked.
+    /// Which questions are asked now.
     pub fn protocol(&self) -> Protocol {
         self.protocol
     }
@@ -248,6 +256,15 @@ impl Session {
     /// How the answering goes.
     pub fn statistics(&self) -> Statistics {
         Statistics::of(self)
+    }
+
+    /// The protocols of the answers that count, or the present one where there is none, in the order of the paper.
+    pub fn protocols(&self) -> Vec<Protocol> {
+        let answered = |protocol: &Protocol| {
+            self.queries.iter().filter_map(AskedQuery::answer).any(|given| given.protocol == *protocol)
+        };
+        let found: Vec<_> = Protocol::ALL.into_iter().filter(answered).collect();
+        if found.is_empty() { vec![self.protocol] } else { found }
     }
 
     /// How many answers that count were given by each annotator.

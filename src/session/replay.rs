@@ -4,13 +4,10 @@ use std::collections::{BTreeMap, BTreeSet, btree_map};
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 
-use rand::SeedableRng as _;
-use rand_chacha::ChaCha8Rng;
-
 use crate::dream::{DreamEpisode, Rows};
 use crate::env::Frame;
 use crate::query::{DreamId, LabeledQuery, SEGMENT_LEN, SegmentRef};
-use crate::reward::{RewardEnsemble, SegmentPair, Trainer, segment_rows};
+use crate::reward::{RewardEnsemble, fit_anew, segment_rows};
 use crate::session::error::SessionError;
 use crate::session::header::Header;
 use crate::session::store::{read, read_dream, read_parameters};
@@ -95,31 +92,20 @@ impl Replay {
         let (path, parameters) = read_parameters(&self.dir, &replayed.fitted)?;
         let saved = RewardEnsemble::load(&parameters).map_err(|met| SessionError::Reward { met, path })?;
         let mut dreams: BTreeMap<DreamId, (DreamEpisode, Rows)> = BTreeMap::new();
-        for segment in replayed.labels.iter().flat_map(|labeled| [labeled.query.left, labeled.query.right]) {
-            if let btree_map::Entry::Vacant(unread) = dreams.entry(segment.dream) {
-                let episode = read_dream(&self.dir, &self.session, segment.dream)?;
-                let features = episode.features(model);
-                unread.insert((episode, features));
-            }
-        }
         let rows = |segment: SegmentRef| {
-            let (episode, features) = &dreams[&segment.dream];
-            segment_rows(features, &episode.actions, segment)
+            let (episode, features) = match dreams.entry(segment.dream) {
+                btree_map::Entry::Occupied(read) => read.into_mut(),
+                btree_map::Entry::Vacant(unread) => {
+                    let episode = read_dream(&self.dir, &self.session, segment.dream)?;
+                    let features = episode.features(model);
+                    unread.insert((episode, features))
+                }
+            };
+            Ok::<_, SessionError>(segment_rows(features, &episode.actions, segment))
         };
-        let rng = &mut ChaCha8Rng::seed_from_u64(replayed.fitted.fit.seed);
-        let fresh =
-            RewardEnsemble::new(model.config().n_features(), &model.hash(), saved.config().clone(), rng);
-        let mut trainer = Trainer::new(fresh);
-        for LabeledQuery { query, label } in &replayed.labels {
-            trainer.learn(&SegmentPair { left: rows(query.left), right: rows(query.right), label: *label });
-        }
-        let mut losses = Vec::new();
-        let done = trainer.fit(rng, |report| {
-            losses = report.losses.iter().map(|loss| *loss as f32).collect();
-            ControlFlow::Continue(())
-        });
-        assert!(done.is_continue(), "nobody stops this fit");
-        Ok(losses)
+        let (config, seed) = (saved.config().clone(), replayed.fitted.fit.seed);
+        let fitted = fit_anew(model, config, seed, &replayed.labels, rows, |_| ControlFlow::Continue(()))?;
+        Ok(fitted.expect("nobody stops this fit").losses)
     }
 }
 

@@ -7,7 +7,7 @@ use crate::dream::DreamEpisode;
 use crate::query::DreamId;
 use crate::session::error::SessionError;
 use crate::session::event::{DreamSource, Event, Fit, KeptDream};
-use crate::session::header::Header;
+use crate::session::header::{FORMAT, Header};
 use crate::session::journal::{self, DreamJournal, UnfinishedDream};
 use crate::session::log::{self, Contents, Log};
 use crate::session::{FittedReward, Session, arrays, export};
@@ -60,11 +60,16 @@ impl SessionStore {
     ///
     /// The half line that a killed program can leave is cut off and told in [`Self::torn`].
     pub fn open(dir: &Path, world_model: Option<&str>) -> Result<Self, SessionError> {
-        let header = Header::read(dir)?;
+        let mut header = Header::read(dir)?;
         check_world_model(dir, &header, world_model)?;
         let path = dir.join(LOG_FILE);
         let (log, contents) = Log::open(&path)?;
         let session = fold(&header, &contents, &path)?;
+        if header.format < FORMAT {
+            // What is appended from here on is not for the program that began it.
+            header.format = FORMAT;
+            header.write(dir)?;
+        }
         Ok(Self { dir: dir.to_owned(), header, session, log, torn: contents.torn })
     }
 

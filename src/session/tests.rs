@@ -3,7 +3,7 @@
 use proptest::prelude::*;
 
 use super::*;
-use crate::query::{Justification, Preference, Response, SafetyAnswer, SegmentRef};
+use crate::query::{Justification, Preference, SafetyAnswer, SegmentRef, SkipReason};
 
 const SAFE_LEFT: Response = Response::Safety(SafetyAnswer::OnlyLeft);
 const BOTH: Response = Response::Safety(SafetyAnswer::Both(Preference::Right));
@@ -113,6 +113,45 @@ fn an_hour_away_from_the_screen_counts_as_a_minute() {
 }
 
 #[test]
+fn a_reason_is_part_of_its_skip() {
+    let mut script = Script::with_queries(2);
+    let explained = |id, reason| Event::SkipExplained { query: QueryId(id), reason };
+    script.happens(answered(0, Response::Skipped(None))).unwrap();
+    script.happens(explained(0, SkipReason::Other)).unwrap();
+    script.happens(explained(0, SkipReason::Ambiguous)).unwrap();
+    assert_eq!(script.responses(), [Response::Skipped(Some(SkipReason::Ambiguous))]);
+    assert_eq!(script.session.statistics().active_secs, 5.0, "its time counts once");
+    script.happens(retracted(0)).unwrap();
+    assert_eq!(script.responses(), []);
+    script.happens(answered(1, BOTH)).unwrap();
+    for id in [0, 1] {
+        assert_eq!(
+            script.happens(explained(id, SkipReason::Other)),
+            Err(Impossible::NotSkipped(QueryId(id)))
+        );
+    }
+}
+
+#[test]
+fn an_answer_is_judged_by_the_protocol_in_force() {
+    let mut script = Script::with_queries(3);
+    script.happens(answered(0, SAFE_LEFT)).unwrap();
+    script.happens(Event::ProtocolChanged { protocol: Protocol::Drope }).unwrap();
+    let equal = Response::Preferred(Preference::Equal);
+    assert!(script.happens(answered(1, BOTH)).is_err());
+    script.happens(answered(1, equal)).unwrap();
+    script.happens(Event::ProtocolChanged { protocol: Protocol::Drop }).unwrap();
+    assert!(script.happens(answered(2, equal)).is_err());
+    script.happens(answered(2, Response::Preferred(Preference::Right))).unwrap();
+    let mus: Vec<_> = script.session.labeled().iter().map(|labeled| labeled.label.mu()).collect();
+    assert_eq!(mus, [1.0, 0.5, 0.0]);
+    assert_eq!(script.session.protocols(), [Protocol::Drop, Protocol::Drope, Protocol::Dropj]);
+    script.happens(retracted(0)).unwrap();
+    script.happens(restored(0)).unwrap();
+    assert_eq!(script.session.protocol(), Protocol::Drop);
+}
+
+#[test]
 fn other_weights_change_labels_and_no_answers() {
     let mut script = Script::with_queries(1);
     script.happens(answered(0, BOTH)).unwrap();
@@ -163,6 +202,7 @@ fn what_cannot_have_happened_is_refused_and_changes_nothing() {
         ),
         (retracted(0), Impossible::NotAnswered(query)),
         (restored(0), Impossible::NotRetracted(query)),
+        (Event::SkipExplained { query, reason: SkipReason::Other }, Impossible::NotSkipped(query)),
         (weights(0.3), Impossible::Weight { name: "safety", weight: 0.3 }),
         (fit(0, f32::NAN), Impossible::Number("a loss")),
         (fit(3, 0.1), Impossible::Future { after: 3, n_lines: 2 }),

@@ -23,8 +23,8 @@ const DECODED: usize = 100;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SimulateConfig {
-    /// Which questions are asked.
-    pub protocol: Protocol,
+    /// Which questions are asked: one after the other, each for its share of the queries.
+    pub protocols: Vec<Protocol>,
     /// What may be named where several justifications are asked for.
     pub justifications: Justifications,
     /// Queries; those that are skipped count, as in the paper.
@@ -44,7 +44,8 @@ impl SimulateConfig {
     pub fn car_racing(protocol: Protocol, seed: u64) -> Self {
         let annotator = Annotator::careful();
         let justifications = Justifications::car_racing();
-        Self { protocol, justifications, n_queries: 500, n_dreams: 10, dream_steps: 1000, seed, annotator }
+        let protocols = vec![protocol];
+        Self { protocols, justifications, n_queries: 500, n_dreams: 10, dream_steps: 1000, seed, annotator }
     }
 
     /// The paper's 1000 queries over 60 dreams with chuckholes, and with `has_cars` other cars.
@@ -70,6 +71,8 @@ pub enum Progress {
 pub struct Answered {
     /// What was shown.
     pub query: Query,
+    /// What was asked.
+    pub protocol: Protocol,
     /// What was seen on the left.
     pub left: Judgement,
     /// What was seen on the right.
@@ -101,7 +104,7 @@ impl Simulated {
 /// Nothing comes where `on_progress` breaks off.
 ///
 /// # Panics
-/// Where there is no start.
+/// Where there is no start, or no protocol.
 pub fn simulate(
     model: &WorldModel,
     probe: &Probe,
@@ -138,9 +141,10 @@ pub fn simulate(
         // A stream of its own: what is said to one query does not hang on the others.
         let mut rng = ChaCha8Rng::seed_from_u64(config.seed);
         rng.set_stream(1 + u64::from(query.id.0));
-        let SimulateConfig { annotator, protocol, justifications, .. } = config;
-        let response = annotator.answer(*protocol, justifications, &left, &right, &mut rng);
-        answers.push(Answered { query, left, right, response });
+        let SimulateConfig { annotator, protocols, justifications, .. } = config;
+        let protocol = protocols[answers.len() * protocols.len() / config.n_queries];
+        let response = annotator.answer(protocol, justifications, &left, &right, &mut rng);
+        answers.push(Answered { query, protocol, left, right, response });
         if on_progress(Progress::Answered(answers.len(), config.n_queries)).is_break() {
             return None;
         }
@@ -193,6 +197,9 @@ mod tests {
             "every step is kept"
         );
         assert_eq!(run(&config), Some(first.clone()));
+        let protocols = vec![Protocol::Drop, Protocol::Drope, Protocol::Dropj];
+        let asked = run(&SimulateConfig { protocols: protocols.clone(), ..config.clone() }).unwrap().answers;
+        assert_eq!(asked.iter().step_by(2).map(|a| a.protocol).collect::<Vec<_>>(), protocols);
         assert_ne!(run(&SimulateConfig { seed: 4, ..config }), Some(first));
     }
 

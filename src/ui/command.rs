@@ -2,9 +2,11 @@
 
 use std::path::PathBuf;
 
-use eframe::egui::ThemePreference;
+use eframe::egui::{Key, ThemePreference};
 
+use crate::env::controls::ControlConfig;
 use crate::query::{Justification, Protocol, QueryId, Response, SkipReason};
+use crate::ui::keys::Deed;
 
 /// A place in the window, in the order of the work.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, PartialOrd, Ord)]
@@ -74,6 +76,16 @@ pub enum Command {
     Theme(ThemePreference),
     /// Opens or closes the list of keys.
     ToggleHelp,
+    /// Waits for the key that one of the keys of a deed becomes, or no longer.
+    Rebind(Option<(Deed, usize)>),
+    /// Makes it this key, if nobody else has it.
+    Bind(Key),
+    /// Makes it the key that somebody else has, who gets this one's.
+    SwapKeys,
+    /// Gives all keys back what they did at first, and the controls what they gave.
+    ResetKeys,
+    /// Changes how much keys give, and where a pad begins to.
+    Control(ControlConfig),
     /// Opens or closes the list of sessions.
     ToggleSessions,
     /// Takes a message away.
@@ -83,6 +95,8 @@ pub enum Command {
     Restart,
     /// Begins a new session with these questions.
     NewSession(Protocol),
+    /// Asks other questions from here on.
+    ChangeProtocol(Protocol),
     /// Opens the session in a folder.
     OpenSession(PathBuf),
     /// Keeps the dreams that a killed program left behind.
@@ -100,6 +114,10 @@ pub enum Command {
     RedoRecording,
     /// Throws the recording away.
     LeaveRecording,
+    /// Keeps the recordings that a killed program left behind.
+    RecoverRecordings,
+    /// Throws them away.
+    ForgetRecordings,
 
     /// Fits a world model to the recordings.
     FitWorld {

@@ -60,9 +60,11 @@ impl App {
         }
         let is_covered = self.state.help_open || self.state.sessions_open || ctx.text_edit_focused();
         let is_driving = self.state.is_driving() && !is_covered;
-        ctx.input(|input| self.hands.hear(&input.events, input.focused, is_driving));
+        let keys = &self.state.keys;
+        ctx.input(|input| self.hands.hear(&input.events, keys, input.focused, is_driving));
         if self.state.is_driving() {
-            let action = if is_driving { self.hands.action() } else { crate::env::Action::default() };
+            let held = self.hands.action(&self.state.controls);
+            let action = if is_driving { held } else { crate::env::Action::default() };
             self.state.dream.action = action;
             self.slots.action.put((action, Instant::now()));
         }
@@ -99,6 +101,7 @@ impl App {
                 self.state.record.kept.push((episode, n_steps));
                 self.done(format!("episode {episode} is on disk: {n_steps} steps"));
             }
+            Report::Unfinished(n) => self.offer_recordings(n),
             Report::Modeling(progress) => {
                 let now = self.state.now;
                 self.state.world.fit.get_or_insert_default().hear(progress, now);
@@ -152,8 +155,10 @@ impl App {
         reward.is_fitting = false;
         let latest = reward.latest.as_ref();
         let (epochs, held_out) = latest.map_or((0, None), |latest| (latest.epoch, latest.held_out_loss));
-        let Some(store) = &mut self.state.store else { return };
-        let after = store.session().n_entries();
+        let asked = reward.asked.iter().position(|(asked, _)| *asked == seed);
+        let (Some(asked), Some(store)) = (asked, &mut self.state.store) else { return };
+        // Those asked for before were overtaken by this one.
+        let after = reward.asked.drain(..=asked).next_back().map_or(0, |(_, after)| after);
         let fit = Fit { after, n_labels, seed, epochs: epochs as u32, losses, held_out };
         match store.save_reward(&parameters, fit) {
             Ok(()) => self.done(format!("the reward is fitted to {n_labels} answers and saved")),

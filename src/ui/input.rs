@@ -8,6 +8,7 @@ use eframe::egui::{Context, Event, Id, Key, Ui};
 
 use crate::env::Action;
 use crate::env::controls::{ControlConfig, DrivingKey, HeldKeys, Pad, combined};
+use crate::ui::keys::Keys;
 
 /// A button of a pad, by what it is for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -163,7 +164,7 @@ pub(crate) struct Hands {
 
 impl Hands {
     /// Takes in the key events of a frame; `is_driving` says whether keys drive now.
-    pub(crate) fn hear(&mut self, events: &[Event], has_focus: bool, is_driving: bool) {
+    pub(crate) fn hear(&mut self, events: &[Event], keys: &Keys, has_focus: bool, is_driving: bool) {
         for key in std::mem::take(&mut self.tapped) {
             self.keys.set(key, false);
         }
@@ -171,13 +172,13 @@ impl Hands {
         for event in events {
             match *event {
                 Event::Key { key, pressed: true, modifiers, .. } if is_driving && !modifiers.command => {
-                    if let Some(key) = driving_key(key) {
+                    if let Some(key) = keys.driving(key) {
                         self.keys.set(key, true);
                         went_down.push(key);
                     }
                 }
                 Event::Key { key, pressed: false, .. } => {
-                    let Some(key) = driving_key(key) else { continue };
+                    let Some(key) = keys.driving(key) else { continue };
                     if went_down.contains(&key) {
                         self.tapped.push(key);
                     } else {
@@ -205,18 +206,8 @@ impl Hands {
     }
 
     /// What the hands say.
-    pub(crate) fn action(&self) -> Action {
-        combined(&self.keys, &self.pad, &ControlConfig::paper())
-    }
-}
-
-fn driving_key(key: Key) -> Option<DrivingKey> {
-    match key {
-        Key::ArrowLeft | Key::A => Some(DrivingKey::Left),
-        Key::ArrowRight | Key::D => Some(DrivingKey::Right),
-        Key::ArrowUp | Key::W => Some(DrivingKey::Up),
-        Key::ArrowDown | Key::S => Some(DrivingKey::Down),
-        _ => None,
+    pub(crate) fn action(&self, config: &ControlConfig) -> Action {
+        combined(&self.keys, &self.pad, config)
     }
 }
 
@@ -274,8 +265,8 @@ mod tests {
             modifiers: Modifiers::NONE,
         };
         let events: Vec<_> = keys.iter().map(event).collect();
-        hands.hear(&events, true, true);
-        hands.action()
+        hands.hear(&events, &Keys::default(), true, true);
+        hands.action(&ControlConfig::paper())
     }
 
     #[test]

@@ -4,13 +4,19 @@
 //! `App::record` is the only place where the session changes. Nothing here touches a file or starts a thread.
 
 mod act;
+mod answer;
 mod command;
 mod crew;
 mod dialog;
 mod hear;
 mod input;
+mod keys;
 mod panels;
+mod preferences;
+mod rebind;
+mod sessions;
 mod state;
+mod toasts;
 mod tokens;
 mod widgets;
 
@@ -18,7 +24,7 @@ use std::path::{Path, PathBuf};
 use std::sync::mpsc::Receiver;
 use std::time::Duration;
 
-use eframe::egui::{self, Context, ThemePreference, ViewportBuilder};
+use eframe::egui::{self, Context, ViewportBuilder};
 use eframe::{CreationContext, wgpu};
 
 use crate::session::SessionStore;
@@ -28,10 +34,12 @@ use crate::worker::{Report, Reports};
 pub use command::{Command, Field, Panel};
 pub use crew::{Crew, Order, Plans, Slots, Threads};
 pub use input::{Gilrs, InputSource, NoPads, PadButton, PadEvent, system_pads};
+pub use keys::{Deed, Keys};
 pub use state::{DreamStart, LoadedWorld};
 
 use dialog::Dialog;
 use input::Hands;
+use preferences::Preferences;
 use state::{State, World};
 
 /// Makes a world model out of a file, or says in a sentence why it cannot.
@@ -111,7 +119,6 @@ impl App {
     pub fn new(cc: &CreationContext<'_>, startup: Startup) -> Self {
         let ctx = &cc.egui_ctx;
         tokens::install(ctx);
-        ctx.set_theme(ThemePreference::System);
         ctx.options_mut(|options| options.fallback_theme = egui::Theme::Dark);
         let (adapter, is_software) = adapter(cc);
         // Software paints a whole window in a tenth of a second: left alone it would starve the models.
@@ -133,6 +140,7 @@ impl App {
             next_toast: 0,
             pace,
         };
+        Preferences::load(cc.storage).apply(ctx, &mut app.state);
         app.begin(ctx, startup.dataset, startup.world, startup.session);
         app
     }
@@ -166,6 +174,11 @@ impl App {
     /// What is seen and said now: for tests.
     pub fn panel(&self) -> Panel {
         self.state.panel
+    }
+
+    /// Which keys do what: for tests.
+    pub fn keys(&self) -> &Keys {
+        &self.state.keys
     }
 
     /// The session that is open: for tests.
@@ -210,6 +223,10 @@ impl eframe::App for App {
         for command in commands {
             self.act(ui.ctx(), command);
         }
+    }
+
+    fn save(&mut self, storage: &mut dyn eframe::Storage) {
+        Preferences::of(&self.state).save(storage);
     }
 
     fn on_exit(&mut self) {

@@ -5,13 +5,14 @@ use std::path::PathBuf;
 
 use eframe::egui::{TextureHandle, ThemePreference};
 
-use crate::env::Action;
-use crate::env::Frame;
+use crate::env::controls::ControlConfig;
+use crate::env::{Action, Frame};
 use crate::evaluation::EpisodeMetrics;
 use crate::query::{Justification, Protocol, Query, QueryId, Weights};
 use crate::session::{Header, Session, SessionStore, UnfinishedDream};
 use crate::tensor::Parameters;
 use crate::ui::command::{Command, Field, Panel};
+use crate::ui::keys::{Keys, Rebinding};
 use crate::ui::widgets::clip::Clip;
 use crate::worker::{DriveView, Learning, LiveView};
 use crate::world_model::LatentState;
@@ -62,7 +63,13 @@ pub(crate) struct State {
     pub unfinished: Vec<UnfinishedDream>,
     pub sessions_open: bool,
     pub help_open: bool,
-    pub theme: Option<ThemePreference>,
+    pub theme: ThemePreference,
+    /// Which keys do what.
+    pub keys: Keys,
+    /// The key that is being changed.
+    pub rebinding: Option<Rebinding>,
+    /// How much keys give, and where a pad begins to.
+    pub controls: ControlConfig,
     /// Who draws the window.
     pub adapter: String,
     /// The pads that are plugged in.
@@ -249,6 +256,13 @@ impl Default for Labeling {
     }
 }
 
+impl Labeling {
+    /// For another session: what the annotator likes stays.
+    pub(crate) fn anew(&self) -> Self {
+        Self { speed: self.speed, is_guided: self.is_guided, ..Self::default() }
+    }
+}
+
 /// Learning the reward.
 #[derive(Default)]
 pub(crate) struct Rewarding {
@@ -263,6 +277,8 @@ pub(crate) struct Rewarding {
     /// How many answers those rest on.
     pub n_learned: usize,
     pub is_fitting: bool,
+    /// Fits that were asked for: the seed of each, and how many lines the log had then.
+    pub asked: Vec<(u64, u64)>,
 }
 
 impl Rewarding {

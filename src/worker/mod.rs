@@ -210,6 +210,12 @@ pub enum RecorderCommand {
     Keep,
     /// Ends the episode and forgets it.
     Discard,
+    /// Looks in this dataset for episodes that a killed program left behind, unless one is being driven.
+    Look(PathBuf),
+    /// Seals those, as far as they go.
+    Recover(PathBuf),
+    /// Throws them away.
+    Forget(PathBuf),
 }
 
 /// Trains a world model.
@@ -272,6 +278,8 @@ pub enum Report {
         /// Steps.
         n_steps: usize,
     },
+    /// So many recordings were left behind by a killed program.
+    Unfinished(usize),
     /// A world model is being trained.
     Modeling(Progress),
     /// A world model is on disk.

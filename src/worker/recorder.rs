@@ -95,8 +95,35 @@ impl Recorder<'_> {
                 self.clock.stop();
                 self.take.take().map_or(Ok(()), |take| take.recording.discard())?;
             }
+            RecorderCommand::Look(dataset) => {
+                let left = self.left_behind(&dataset)?.map_or(0, |dataset| dataset.unfinished().len());
+                if left > 0 {
+                    self.reports.send(Report::Unfinished(left));
+                }
+            }
+            RecorderCommand::Recover(dataset) => {
+                let Some(mut dataset) = self.left_behind(&dataset)? else { return Ok(()) };
+                while let Some(n_steps) = dataset.unfinished().first().map(|left| left.n_steps) {
+                    let episode = dataset.recover(0)?;
+                    self.reports.send(Report::Recorded { episode, n_steps });
+                }
+            }
+            RecorderCommand::Forget(dataset) => {
+                let Some(mut dataset) = self.left_behind(&dataset)? else { return Ok(()) };
+                while !dataset.unfinished().is_empty() {
+                    dataset.discard(0)?;
+                }
+            }
         }
         Ok(())
+    }
+
+    /// The dataset in which something can have been left behind: nothing is made to look for that.
+    fn left_behind(&self, dataset: &Path) -> Result<Option<Dataset>, DatasetError> {
+        if self.take.is_some() || !dataset.join("journal").is_dir() {
+            return Ok(None);
+        }
+        Dataset::create_or_open(dataset, self.env_name).map(Some)
     }
 
     fn start(&mut self, dataset: &Path, seed: u64) -> Result<(), DatasetError> {
@@ -206,16 +233,9 @@ mod tests {
     #[test]
     fn what_was_not_driven_is_not_kept() {
         let dir = tempfile::tempdir().unwrap();
-        let (commands, heard) = channel();
         let start = || RecorderCommand::Start { dataset: dir.path().to_owned(), seed: 0 };
-        for command in [start(), RecorderCommand::Keep, start(), RecorderCommand::Discard] {
-            commands.send(command).unwrap();
-        }
-        drop(commands);
-        let (reports, inbox) = Reports::new(|| ());
-        record(&heard, &reports, Box::new(Wall::new(5)), "wall", &Latest::default(), &Latest::default());
-        drop(reports);
-        assert_eq!(inbox.into_iter().count(), 0);
+        let commands = [start(), RecorderCommand::Keep, start(), RecorderCommand::Discard];
+        assert!(reports_of(commands).is_empty());
         let dataset = Dataset::create_or_open(dir.path(), "wall").unwrap();
         assert!(dataset.is_empty() && dataset.unfinished().is_empty(), "nothing is left of either");
     }
@@ -232,6 +252,48 @@ mod tests {
         }
         drop(recorder);
         let dataset = Dataset::create_or_open(dir.path(), "wall").unwrap();
-        assert!(dataset.unfinished()[0].n_steps >= 2, "{:?}", dataset.unfinished());
+        let n_steps = dataset.unfinished()[0].n_steps;
+        assert!(n_steps >= 2, "{:?}", dataset.unfinished());
+        drop(dataset);
+
+        let path = || dir.path().to_owned();
+        let reports = reports_of([RecorderCommand::Look(path()), RecorderCommand::Recover(path())]);
+        let [Report::Unfinished(1), Report::Recorded { episode: 0, n_steps: kept }] = reports[..] else {
+            panic!("{reports:?}")
+        };
+        assert_eq!(kept, n_steps);
+        assert_eq!(Dataset::open(dir.path()).unwrap().len(0), n_steps);
+    }
+
+    #[test]
+    fn what_was_left_behind_can_be_thrown_away() {
+        let dir = tempfile::tempdir().unwrap();
+        let dataset = Dataset::create_or_open(dir.path(), "wall").unwrap();
+        let info = EpisodeInfo { env: "wall".to_owned(), pilot: PILOT.to_owned(), seed: 0 };
+        let step = StepRecord {
+            frame: Wall::new(5).frame(),
+            action: Action::default(),
+            reward: 0.0,
+            grass: false,
+            wall_time_ns: 0,
+        };
+        dataset.begin(info).unwrap().push(&step).unwrap();
+        drop(dataset);
+        let path = || dir.path().to_owned();
+        let commands = [RecorderCommand::Forget(path()), RecorderCommand::Look(path())];
+        assert!(reports_of(commands).is_empty());
+        let none = RecorderCommand::Look(dir.path().join("none"));
+        assert!(reports_of([none]).is_empty() && !dir.path().join("none").exists(), "looking makes nothing");
+    }
+
+    /// What comes of `commands`.
+    fn reports_of(commands: impl IntoIterator<Item = RecorderCommand>) -> Vec<Report> {
+        let (sender, heard) = channel();
+        commands.into_iter().for_each(|command| sender.send(command).unwrap());
+        drop(sender);
+        let (reports, inbox) = Reports::new(|| ());
+        record(&heard, &reports, Box::new(Wall::new(5)), "wall", &Latest::default(), &Latest::default());
+        drop(reports);
+        inbox.into_iter().collect()
     }
 }

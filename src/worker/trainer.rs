@@ -10,9 +10,10 @@ use rand::SeedableRng as _;
 use rand_chacha::ChaCha8Rng;
 
 use crate::dream::{DreamEpisode, Rows};
-use crate::query::{DreamId, Label, Query, QueryId, SEGMENT_LEN, SegmentRef};
-use crate::reward::figures::{Figures, Foretold};
-use crate::reward::{RewardConfig, RewardEnsemble, SegmentPair, Trainer, segment_rows};
+use crate::query::{DreamId, Label, LabeledQuery, Query, QueryId, SEGMENT_LEN, SegmentRef};
+use crate::reward::{
+    EpochReport, Fitted, RewardConfig, RewardEnsemble, SegmentPair, Trainer, fit_anew, segment_rows,
+};
 use crate::tensor::Parameters;
 use crate::worker::{Learning, Report, Reports, TrainerCommand, Worker, one_thread};
 use crate::world_model::WorldModel;
@@ -24,8 +25,6 @@ const MIN_LABELS: usize = 10;
 const MAX_OWED: usize = 60;
 /// An answer was foretold by a reward that had learned the others, where no more than so much was owed.
 const UP_TO_DATE: usize = 2;
-/// How many of the latest foretold answers the figures look back on.
-const RECENT: usize = 50;
 /// Parameters are handed on no more often than this.
 const HAND_ON_EVERY: Duration = Duration::from_secs(1);
 
@@ -61,13 +60,12 @@ struct Learner<'a> {
     model: WorldModel,
     config: RewardConfig,
     reports: &'a Reports,
-    dreams: HashMap<DreamId, Known>,
-    /// All that counts, in the order in which a full fit takes it up.
-    answers: BTreeMap<QueryId, (Query, Label)>,
+    dreams: Dreams,
+    /// All that counts.
+    answers: BTreeMap<QueryId, LabeledQuery>,
     trainer: Trainer,
     /// The answers of the trainer, in its order.
     order: Vec<QueryId>,
-    foretold: Vec<(QueryId, Foretold)>,
     rng: ChaCha8Rng,
     /// Calls of [`Trainer::warm`] that new answers have earned.
     owed: usize,
@@ -77,10 +75,21 @@ struct Learner<'a> {
     has_news: bool,
 }
 
-/// A dream, and the features of its steps once they are needed.
-struct Known {
-    episode: Arc<DreamEpisode>,
-    features: Option<Rows>,
+/// The dreams that are known, each with the features of its steps once they are needed.
+#[derive(Default)]
+struct Dreams(HashMap<DreamId, (Arc<DreamEpisode>, Option<Rows>)>);
+
+impl Dreams {
+    /// A segment as the reward reads it, `[k, F + A]`.
+    fn rows(&mut self, model: &WorldModel, segment: SegmentRef) -> Result<Vec<f32>, String> {
+        let SegmentRef { dream: id, start } = segment;
+        let known = self.0.get_mut(&id).filter(|(episode, _)| start + SEGMENT_LEN <= episode.len());
+        let Some((episode, features)) = known else {
+            return Err(format!("cannot learn from step {start} of dream {}: it is not known here", id.0));
+        };
+        let features = features.get_or_insert_with(|| episode.features(model));
+        Ok(segment_rows(features, &episode.actions, segment))
+    }
 }
 
 impl<'a> Learner<'a> {
@@ -92,11 +101,10 @@ impl<'a> Learner<'a> {
             model,
             config,
             reports,
-            dreams: HashMap::new(),
+            dreams: Dreams::default(),
             answers: BTreeMap::new(),
             trainer: Trainer::new(ensemble),
             order: Vec::new(),
-            foretold: Vec::new(),
             rng,
             owed: 0,
             n_warm: 0,
@@ -124,7 +132,7 @@ impl<'a> Learner<'a> {
     fn hear(&mut self, command: TrainerCommand) {
         match command {
             TrainerCommand::AddDream(id, episode) => {
-                self.dreams.insert(id, Known { episode, features: None });
+                self.dreams.0.insert(id, (episode, None));
             }
             TrainerCommand::Learn(query, label) => {
                 if let Err(e) = self.learn(query, label) {
@@ -132,9 +140,10 @@ impl<'a> Learner<'a> {
                 }
             }
             TrainerCommand::Forget(id) => {
-                self.foretold.retain(|(query, _)| *query != id);
                 if self.answers.remove(&id).is_some() {
-                    self.drop_pair(id);
+                    let idx = self.idx(id);
+                    self.order.remove(idx);
+                    self.trainer.forget(idx);
                     self.owed = (self.owed + 1).min(MAX_OWED);
                 }
             }
@@ -143,47 +152,29 @@ impl<'a> Learner<'a> {
     }
 
     fn learn(&mut self, query: Query, label: Label) -> Result<(), String> {
-        if self.answers.get(&query.id) == Some(&(query, label)) {
-            return Ok(());
+        match self.answers.get(&query.id) {
+            Some(known) if known.label == label => return Ok(()),
+            Some(_) => self.trainer.relabel(self.idx(query.id), label),
+            None => {
+                let mut rows = |segment| self.dreams.rows(&self.model, segment);
+                let pair = SegmentPair { left: rows(query.left)?, right: rows(query.right)?, label };
+                if self.order.len() >= MIN_LABELS && self.owed <= UP_TO_DATE {
+                    self.trainer.learn(&pair);
+                } else {
+                    self.trainer.take_up(&pair);
+                }
+                self.order.push(query.id);
+            }
         }
-        let pair = self.pair(query, label)?;
-        if self.answers.insert(query.id, (query, label)).is_some() {
-            self.drop_pair(query.id);
-        }
-        let can_foretell = self.order.len() >= MIN_LABELS && self.owed <= UP_TO_DATE;
-        let foretold = self.trainer.learn(&pair);
-        self.order.push(query.id);
-        // A changed answer was foretold when it was first given: now it is no longer new.
-        match self.foretold.iter_mut().find(|(id, _)| *id == query.id) {
-            Some((_, earlier)) => earlier.label = label,
-            None if can_foretell => self.foretold.push((query.id, foretold)),
-            None => {}
-        }
+        self.answers.insert(query.id, LabeledQuery { query, label });
         self.owed = (self.owed + 1).min(MAX_OWED);
         Ok(())
     }
 
-    fn drop_pair(&mut self, id: QueryId) {
-        if let Some(at) = self.order.iter().position(|known| *known == id) {
-            self.order.remove(at);
-            self.trainer.forget(at);
-        }
-    }
-
-    /// Both segments as the reward reads them.
-    fn pair(&mut self, query: Query, label: Label) -> Result<SegmentPair, String> {
-        let (left, right) = (self.rows(query.left)?, self.rows(query.right)?);
-        Ok(SegmentPair { left, right, label })
-    }
-
-    fn rows(&mut self, segment: SegmentRef) -> Result<Vec<f32>, String> {
-        let SegmentRef { dream: id, start } = segment;
-        let known = self.dreams.get_mut(&id).filter(|known| start + SEGMENT_LEN <= known.episode.len());
-        let Some(Known { episode, features }) = known else {
-            return Err(format!("cannot learn from step {start} of dream {}: it is not known here", id.0));
-        };
-        let features = features.get_or_insert_with(|| episode.features(&self.model));
-        Ok(segment_rows(features, &episode.actions, segment))
+    /// Where the trainer has the answer to a query that counts.
+    fn idx(&self, id: QueryId) -> usize {
+        let idx = self.order.iter().position(|known| *known == id);
+        idx.expect("what counts is known to the trainer")
     }
 
     /// A few steps, or handing on what they brought.
@@ -193,7 +184,7 @@ impl<'a> Learner<'a> {
             self.owed -= 1;
             self.n_warm += 1;
             self.has_news = true;
-            self.reports.send(Report::Learning(self.learning(self.n_warm, &losses, None)));
+            self.reports.send(learning(&self.trainer, self.n_warm, &losses, None));
         }
         let is_time = self.handed_on.is_none_or(|handed_on| handed_on.elapsed() >= HAND_ON_EVERY);
         if self.has_news && is_time {
@@ -216,25 +207,13 @@ impl<'a> Learner<'a> {
         commands: &Receiver<TrainerCommand>,
         waiting: &mut VecDeque<TrainerCommand>,
     ) {
-        let mut rng = ChaCha8Rng::seed_from_u64(seed);
-        let (n_features, world) = (self.model.config().n_features(), self.model.hash());
-        let mut trainer =
-            Trainer::new(RewardEnsemble::new(n_features, &world, self.config.clone(), &mut rng));
-        let answers: Vec<_> = self.answers.values().copied().collect();
-        if answers.is_empty() {
+        if self.answers.is_empty() {
             return self.reports.fail(NAME, "there are no answers to learn from yet");
         }
-        for (query, label) in answers {
-            match self.pair(query, label) {
-                Ok(pair) => drop(trainer.learn(&pair)),
-                Err(e) => return self.reports.fail(NAME, e),
-            }
-        }
-        let mut last = Vec::new();
-        let done = trainer.fit(&mut rng, |report| {
-            let learning = self.learning(report.epoch, &report.losses, Some(report.n_epochs));
-            self.reports.send(Report::Learning(learning));
-            last = report.losses.iter().map(|loss| *loss as f32).collect();
+        let Self { model, config, reports, dreams, answers, trainer, .. } = self;
+        let labels: Vec<_> = answers.values().copied().collect();
+        let on_epoch = |report: &EpochReport| {
+            reports.send(learning(trainer, report.epoch, &report.losses, Some(report.n_epochs)));
             loop {
                 match commands.try_recv() {
                     Ok(command) => waiting.push_back(command),
@@ -244,28 +223,31 @@ impl<'a> Learner<'a> {
             }
             let is_overtaken = waiting.iter().any(|command| matches!(command, TrainerCommand::Fit { .. }));
             if is_overtaken { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
-        });
-        if done.is_continue() {
-            self.trainer = trainer;
-            self.order = self.answers.keys().copied().collect();
-            (self.owed, self.n_warm) = (0, 0);
-            self.hand_on(Some((seed, last)));
+        };
+        let rows = |segment| dreams.rows(model, segment);
+        match fit_anew(model, config.clone(), seed, &labels, rows, on_epoch) {
+            Ok(Some(Fitted { trainer, losses })) => {
+                self.trainer.adopt(trainer);
+                (self.owed, self.n_warm) = (0, 0);
+                self.hand_on(Some((seed, losses)));
+            }
+            Ok(None) => {}
+            Err(e) => self.reports.fail(NAME, e),
         }
     }
+}
 
-    fn learning(&self, epoch: usize, losses: &[f64], fit_epochs: Option<usize>) -> Learning {
-        let recent = &self.foretold[self.foretold.len().saturating_sub(RECENT)..];
-        let figures = Figures::of(&recent.iter().map(|(_, foretold)| *foretold).collect::<Vec<_>>());
-        let figures = figures.filter(|figures| figures.n >= MIN_LABELS);
-        Learning {
-            epoch,
-            losses: losses.iter().map(|loss| *loss as f32).collect(),
-            held_out_loss: figures.map(|figures| figures.log_loss as f32),
-            agreement: figures.and_then(|figures| figures.agreement).map(|agreement| agreement as f32),
-            n_labels: self.order.len(),
-            fit_epochs,
-        }
-    }
+/// How far learning is, and how well the latest answers were foretold.
+fn learning(trainer: &Trainer, epoch: usize, losses: &[f64], fit_epochs: Option<usize>) -> Report {
+    let figures = trainer.recent().filter(|figures| figures.n >= MIN_LABELS);
+    Report::Learning(Learning {
+        epoch,
+        losses: losses.iter().map(|loss| *loss as f32).collect(),
+        held_out_loss: figures.map(|figures| figures.log_loss as f32),
+        agreement: figures.and_then(|figures| figures.agreement).map(|agreement| agreement as f32),
+        n_labels: trainer.n_labels(),
+        fit_epochs,
+    })
 }
 
 #[cfg(test)]
@@ -387,18 +369,19 @@ mod tests {
         for command in answers(0..20) {
             learner.hear(command);
         }
-        assert!(learner.foretold.is_empty(), "a reward that has learned nothing foretells nothing");
+        assert_eq!(learner.trainer.overall(), None, "a reward that has learned nothing foretells nothing");
         while learner.is_behind() {
             learner.go_on();
         }
         for command in answers(20..22) {
             learner.hear(command);
         }
-        let before = learner.foretold.clone();
+        let n_foretold = |learner: &Learner<'_>| learner.trainer.overall().map(|f| (f.n, f.n_strict));
+        assert_eq!(n_foretold(&learner), Some((2, 2)));
         learner.hear(answer(20, SafetyAnswer::Neither));
-        assert_eq!(learner.foretold[0].1, Foretold { label: Label::EQUAL, ..before[0].1 });
+        assert_eq!(n_foretold(&learner), Some((2, 1)));
         learner.hear(TrainerCommand::Forget(QueryId(20)));
-        assert_eq!(learner.foretold, before[1..]);
+        assert_eq!(n_foretold(&learner), Some((1, 1)));
         assert_eq!((learner.order.len(), learner.trainer.n_labels()), (21, 21));
     }
 }

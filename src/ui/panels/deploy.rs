@@ -1,12 +1,13 @@
 //! The real car under the planner, and what it thought of.
 
 use eframe::egui::{
-    Align, Align2, Color32, CornerRadius, FontId, Grid, Key, Layout, Rect, Role, ScrollArea, Sense, Ui,
-    UiBuilder, WidgetInfo, pos2, vec2,
+    Align, Align2, Color32, CornerRadius, FontId, Grid, Layout, Rect, Role, ScrollArea, Sense, Ui, UiBuilder,
+    WidgetInfo, pos2, vec2,
 };
 
 use crate::evaluation::EpisodeMetrics;
 use crate::ui::command::{Command, Field, Panel};
+use crate::ui::keys::Deed;
 use crate::ui::panels::dream::banner;
 use crate::ui::state::State;
 use crate::ui::tokens::{self, GAP};
@@ -92,10 +93,11 @@ fn thoughts_ui(ui: &mut Ui, state: &State) {
 
 fn controls_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
     let deploy = &state.deploy;
+    let key = |deed| state.keys.of(deed);
     ui.horizontal(|ui| {
         ui.spacing_mut().item_spacing.x = 8.0;
         if !deploy.is_on {
-            let drive = KeyButton::new("Drive").key(Key::Enter).tone(Tone::Primary).width(150.0);
+            let drive = KeyButton::new("Drive").key(key(Deed::Begin)).tone(Tone::Primary).width(150.0);
             if drive.is_pressed(ui) {
                 commands.push(Command::Drive);
             }
@@ -104,10 +106,10 @@ fn controls_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
             return;
         }
         let name = if deploy.is_paused { "Go on" } else { "Pause" };
-        if KeyButton::new(name).key(Key::P).is_pressed(ui) {
+        if KeyButton::new(name).key(key(Deed::Pause)).is_pressed(ui) {
             commands.push(Command::PauseDrive);
         }
-        if KeyButton::new("Stop").key(Key::Escape).is_pressed(ui) {
+        if KeyButton::new("Stop").key(key(Deed::Leave)).is_pressed(ui) {
             commands.push(Command::StopDrive);
         }
     });

@@ -1,15 +1,16 @@
 //! Driving where nothing real can break.
 
-use eframe::egui::{Key, Rect, Role, ScrollArea, Sense, Stroke, StrokeKind, Ui, WidgetInfo, vec2};
+use eframe::egui::{Rect, Role, ScrollArea, Sense, Stroke, StrokeKind, Ui, WidgetInfo, vec2};
 
 use crate::env::{MAX_STEPS, STEPS_PER_SEC};
 use crate::ui::act::counted;
 use crate::ui::command::{Command, Panel};
+use crate::ui::keys::Deed;
 use crate::ui::state::State;
 use crate::ui::tokens::{self, GAP, Tokens};
 use crate::ui::widgets::clip::{Rim, paint_picture, picture_ui};
 use crate::ui::widgets::gauge::{action_ui, figure_ui, row_color_ui, row_ui};
-use crate::ui::widgets::keycap::{KeyButton, Tone};
+use crate::ui::widgets::keycap::{KeyButton, Tone, key_name};
 use crate::ui::widgets::layout::{beside_picture, heading, titled_card, with_side};
 
 /// Width by height of a dream.
@@ -81,20 +82,27 @@ pub(super) fn banner(ui: &Ui, over: Rect, text: &str) {
 
 fn driving_ui(ui: &mut Ui, state: &State, is_paused: bool, commands: &mut Vec<Command>) {
     let is_ending = state.dream.is_ending;
+    let key = |deed| state.keys.of(deed);
     ui.horizontal_wrapped(|ui| {
         ui.spacing_mut().item_spacing.x = 8.0;
         for (button, command) in [
-            (KeyButton::new("Keep").key(Key::N).tone(Tone::Primary).enabled(!is_ending), Command::KeepDream),
-            (KeyButton::new("Unsafe now").key(Key::U), Command::MarkUnsafe),
-            (KeyButton::new(if is_paused { "Go on" } else { "Pause" }).key(Key::P), Command::PauseDream),
-            (KeyButton::new("Redo").key(Key::R), Command::RedoDream),
-            (KeyButton::new("Leave").key(Key::Escape).tone(Tone::Quiet), Command::LeaveDream),
+            (
+                KeyButton::new("Keep").key(key(Deed::Keep)).tone(Tone::Primary).enabled(!is_ending),
+                Command::KeepDream,
+            ),
+            (KeyButton::new("Unsafe now").key(key(Deed::Unsafe)), Command::MarkUnsafe),
+            (
+                KeyButton::new(if is_paused { "Go on" } else { "Pause" }).key(key(Deed::Pause)),
+                Command::PauseDream,
+            ),
+            (KeyButton::new("Redo").key(key(Deed::Redo)), Command::RedoDream),
+            (KeyButton::new("Leave").key(key(Deed::Leave)).tone(Tone::Quiet), Command::LeaveDream),
         ] {
             if button.is_pressed(ui) {
                 commands.push(command);
             }
         }
-        if is_paused && KeyButton::new("Step").key(Key::Period).is_pressed(ui) {
+        if is_paused && KeyButton::new("Step").key(key(Deed::Step)).is_pressed(ui) {
             commands.push(Command::StepDream);
         }
     });
@@ -103,8 +111,8 @@ fn driving_ui(ui: &mut Ui, state: &State, is_paused: bool, commands: &mut Vec<Co
 fn starts_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
     let Some(world) = &state.world.loaded else { return };
     ui.horizontal(|ui| {
-        let drive = KeyButton::new("Drive").key(Key::Enter).tone(Tone::Primary).size(vec2(150.0, 64.0));
-        if drive.is_pressed(ui) {
+        let drive = KeyButton::new("Drive").key(state.keys.of(Deed::Begin)).tone(Tone::Primary);
+        if drive.size(vec2(150.0, 64.0)).is_pressed(ui) {
             commands.push(Command::StartDream);
         }
         ui.add_space(8.0);
@@ -164,9 +172,17 @@ fn aside_ui(ui: &mut Ui, state: &State, _commands: &mut Vec<Command>) {
     });
     kept_ui(ui, state);
     titled_card(ui, "At the wheel", |ui| {
-        row_ui(ui, "Steer", "left, right · A, D");
-        row_ui(ui, "Gas", "up · W");
-        row_ui(ui, "Brake", "down · S");
+        for (name, deeds) in [
+            ("Steer", &[Deed::SteerLeft, Deed::SteerRight][..]),
+            ("Gas", &[Deed::Gas]),
+            ("Brake", &[Deed::Brake]),
+        ] {
+            let nth = |idx: usize| {
+                let keys = deeds.iter().filter_map(|deed| state.keys.all(*deed).get(idx));
+                keys.map(|key| key_name(*key)).collect::<Vec<_>>().join(", ")
+            };
+            row_ui(ui, name, format!("{} · {}", nth(0), nth(1)));
+        }
         row_ui(ui, "Gamepad", "left stick and triggers");
     });
 }

@@ -1,23 +1,21 @@
 //! Two clips, and one key for what a person says about them.
 
-use eframe::egui::{
-    Align, Key, Layout, Rect, Response as UiResponse, RichText, Role, ScrollArea, Sense, Ui, UiBuilder,
-    WidgetInfo, pos2, vec2,
-};
+use eframe::egui::{Align, Key, Layout, Rect, Ui, UiBuilder, pos2, vec2};
 
 use crate::query::{
     Justification, Preference, Protocol, QueryId, Response, SEGMENT_LEN, SafetyAnswer, SkipReason,
 };
 use crate::session::Session;
-use crate::ui::act::PREFERENCES;
-use crate::ui::command::{Command, Field, Panel};
+use crate::ui::answer::PREFERENCES;
+use crate::ui::command::{Command, Panel};
 use crate::ui::input;
+use crate::ui::keys::Deed;
+use crate::ui::panels::answers;
 use crate::ui::state::{NORMAL_SPEED, State};
-use crate::ui::tokens::{self, CONTROL, GAP, Tokens};
+use crate::ui::tokens::{self, CONTROL, GAP};
 use crate::ui::widgets::clip::{Rim, picture_ui, timeline_ui};
-use crate::ui::widgets::field::field_ui;
 use crate::ui::widgets::keycap::{KeyButton, Tone};
-use crate::ui::widgets::layout::{heading, titled_card, with_side};
+use crate::ui::widgets::layout::{heading, with_side};
 
 pub(super) fn label_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
     let n_usable = state
@@ -34,7 +32,7 @@ pub(super) fn label_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) 
     }
     if is_list_shown(ui, state) {
         let main = |ui: &mut Ui, commands: &mut Vec<Command>| query_ui(ui, state, commands);
-        let aside = |ui: &mut Ui, commands: &mut Vec<Command>| aside_ui(ui, state, commands);
+        let aside = |ui: &mut Ui, commands: &mut Vec<Command>| answers::answers_ui(ui, state, commands);
         with_side(ui, LIST, commands, main, aside);
     } else {
         query_ui(ui, state, commands);
@@ -106,7 +104,10 @@ fn query_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
 /// The question, what was said last, and how far one is.
 fn head_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
     let label = &state.label;
-    ui.label(tokens::title(question(state)));
+    ui.horizontal(|ui| {
+        ui.label(tokens::title(question(state)));
+        ui.with_layout(Layout::right_to_left(Align::Center), |ui| protocol_ui(ui, state, commands));
+    });
     // What was said last stays where the eye is, and its room stays where nothing was said.
     ui.allocate_ui_with_layout(
         vec2(ui.available_width(), 28.0),
@@ -129,6 +130,20 @@ fn head_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
     ui.add_space(4.0);
 }
 
+/// Which questions are asked, and which else could be.
+fn protocol_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
+    let present = state.protocol();
+    let menu = ui.menu_button(tokens::small(ui, present.name()), |ui| {
+        for protocol in Protocol::ALL {
+            if ui.selectable_label(protocol == present, protocol.name()).clicked() {
+                commands.push(Command::ChangeProtocol(protocol));
+                ui.close();
+            }
+        }
+    });
+    menu.response.on_hover_text("Ask other questions from here on");
+}
+
 /// Where the clips are, and what moves them.
 fn playback_ui(ui: &mut Ui, state: &State, frame: usize, commands: &mut Vec<Command>) {
     let label = &state.label;
@@ -139,13 +154,14 @@ fn playback_ui(ui: &mut Ui, state: &State, frame: usize, commands: &mut Vec<Comm
             ui.spacing_mut().item_spacing.x = 4.0;
             let name = if label.is_standing { "Play" } else { "Pause" };
             let speed = format!("{:.1} ×", label.speed / NORMAL_SPEED);
-            for (name, key, command) in [
-                ("Faster", Key::CloseBracket, Command::Faster(true)),
-                ("Slower", Key::OpenBracket, Command::Faster(false)),
-                ("Again", Key::Num0, Command::RestartClips),
-                (name, Key::P, Command::PauseClips),
+            for (name, deed, command) in [
+                ("Faster", Deed::Faster, Command::Faster(true)),
+                ("Slower", Deed::Slower, Command::Faster(false)),
+                ("Again", Deed::Restart, Command::RestartClips),
+                (name, Deed::PauseClips, Command::PauseClips),
             ] {
-                if KeyButton::new(name).key(key).tone(Tone::Quiet).small().show(ui).clicked() {
+                if KeyButton::new(name).key(state.keys.of(deed)).tone(Tone::Quiet).small().show(ui).clicked()
+                {
                     commands.push(command);
                 }
             }
@@ -180,8 +196,9 @@ fn rims(state: &State) -> [Rim; 2] {
 }
 
 fn answers_ui(ui: &mut Ui, state: &State, is_ready: bool, commands: &mut Vec<Command>) {
+    let key = |deed| state.keys.of(deed);
     let preferences = |names: [&'static str; 3], response: &dyn Fn(Preference) -> Response| {
-        let keys = [Key::ArrowLeft, Key::ArrowUp, Key::ArrowRight];
+        let keys = [Deed::PreferLeft, Deed::Equal, Deed::PreferRight].map(key);
         let choices = PREFERENCES.into_iter().zip(names).zip(keys);
         choices.map(|((preference, name), key)| (name, key, Command::Answer(response(preference)))).collect()
     };
@@ -195,16 +212,16 @@ fn answers_ui(ui: &mut Ui, state: &State, is_ready: bool, commands: &mut Vec<Com
         }
         Protocol::Drope => row(ui, &preferences(plain, &Response::Preferred), is_ready, commands),
         Protocol::Dropj if label.is_guided && label.guided != [true, true] => {
-            let yes = ("Yes, it stays safe", Key::Y, Command::GuidedSafe(true));
-            let no = ("No, it becomes unsafe", Key::N, Command::GuidedSafe(false));
+            let yes = ("Yes, it stays safe", key(Deed::Yes), Command::GuidedSafe(true));
+            let no = ("No, it becomes unsafe", key(Deed::No), Command::GuidedSafe(false));
             row(ui, &[yes, no], is_ready, commands);
         }
         Protocol::Dropj => {
             if !label.is_guided {
                 let only = [
-                    ("Only left is safe", Key::A, safety(SafetyAnswer::OnlyLeft)),
-                    ("Neither is safe", Key::S, safety(SafetyAnswer::Neither)),
-                    ("Only right is safe", Key::D, safety(SafetyAnswer::OnlyRight)),
+                    ("Only left is safe", key(Deed::OnlyLeft), safety(SafetyAnswer::OnlyLeft)),
+                    ("Neither is safe", key(Deed::Neither), safety(SafetyAnswer::Neither)),
+                    ("Only right is safe", key(Deed::OnlyRight), safety(SafetyAnswer::OnlyRight)),
                 ];
                 row(ui, &only, is_ready, commands);
             }
@@ -261,17 +278,16 @@ fn foot_ui(ui: &mut Ui, state: &State, shown: Option<QueryId>, commands: &mut Ve
         !state.label.guided.is_empty() || session.is_some_and(|session| session.undoable().is_some());
     ui.horizontal(|ui| {
         ui.spacing_mut().item_spacing.x = 4.0;
-        let skip = KeyButton::new("Skip").key(Key::Space).tone(Tone::Quiet).enabled(shown.is_some());
-        if skip.is_pressed(ui) {
-            commands.push(Command::Answer(Response::Skipped(None)));
-        }
-        if KeyButton::new("Undo").key(Key::Backspace).tone(Tone::Quiet).enabled(can_undo).is_pressed(ui) {
-            commands.push(Command::Undo);
-        }
-        let name = if is_flagged { "Flagged" } else { "Flag" };
-        let tone = if is_flagged { Tone::Chosen } else { Tone::Quiet };
-        if KeyButton::new(name).key(Key::F).tone(tone).enabled(shown.is_some()).is_pressed(ui) {
-            commands.push(Command::Flag);
+        let (name, tone) = if is_flagged { ("Flagged", Tone::Chosen) } else { ("Flag", Tone::Quiet) };
+        for (name, deed, tone, is_enabled, command) in [
+            ("Skip", Deed::Skip, Tone::Quiet, shown.is_some(), Command::Answer(Response::Skipped(None))),
+            ("Undo", Deed::Undo, Tone::Quiet, can_undo, Command::Undo),
+            (name, Deed::Flag, tone, shown.is_some(), Command::Flag),
+        ] {
+            let button = KeyButton::new(name).key(state.keys.of(deed)).tone(tone);
+            if button.enabled(is_enabled).is_pressed(ui) {
+                commands.push(command);
+            }
         }
         ui.with_layout(Layout::right_to_left(Align::Center), |ui| modes_ui(ui, state, commands));
     });
@@ -281,12 +297,13 @@ fn foot_ui(ui: &mut Ui, state: &State, shown: Option<QueryId>, commands: &mut Ve
 fn modes_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
     let label = &state.label;
     let tone = |is_on| if is_on { Tone::Chosen } else { Tone::Quiet };
-    if KeyButton::new("Answers").key(Key::L).tone(tone(label.is_list_open)).small().is_pressed(ui) {
+    let button = KeyButton::new("Answers").key(state.keys.of(Deed::Answers)).tone(tone(label.is_list_open));
+    if button.small().is_pressed(ui) {
         commands.push(Command::ToggleAnswers);
     }
     if state.protocol() == Protocol::Dropj {
-        let button = KeyButton::new("One question at a time").key(Key::G).tone(tone(label.is_guided));
-        if button.small().is_pressed(ui) {
+        let button = KeyButton::new("One question at a time").key(state.keys.of(Deed::Guide));
+        if button.tone(tone(label.is_guided)).small().is_pressed(ui) {
             commands.push(Command::Guide(!label.is_guided));
         }
     }
@@ -313,72 +330,16 @@ fn reasons_ui(ui: &mut Ui, protocol: Protocol, commands: &mut Vec<Command>) {
 
 /// Keys that have no button of their own.
 fn keys(ui: &Ui, state: &State, commands: &mut Vec<Command>) {
-    for (key, command) in [
-        (Key::Num0, Command::RestartClips),
-        (Key::Period, Command::StepClips(1)),
-        (Key::Comma, Command::StepClips(-1)),
-        (Key::OpenBracket, Command::Faster(false)),
-        (Key::CloseBracket, Command::Faster(true)),
-        (Key::P, Command::PauseClips),
+    for (deed, command) in [
+        (Deed::Restart, Command::RestartClips),
+        (Deed::Forward, Command::StepClips(1)),
+        (Deed::Back, Command::StepClips(-1)),
+        (Deed::Slower, Command::Faster(false)),
+        (Deed::Faster, Command::Faster(true)),
+        (Deed::PauseClips, Command::PauseClips),
     ] {
-        if state.label.shown.is_some() && input::pressed(ui, key) {
+        if state.label.shown.is_some() && input::pressed(ui, state.keys.of(deed)) {
             commands.push(command);
         }
     }
-}
-
-fn aside_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
-    titled_card(ui, "Who answers", |ui| {
-        field_ui(ui, state, Field::Annotator, "A name, kept with every answer", commands);
-    });
-    titled_card(ui, "Latest answers", |ui| latest_ui(ui, state, commands));
-}
-
-fn latest_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
-    let Some(session) = state.session() else { return };
-    let answers = session.answers();
-    if answers.is_empty() {
-        ui.label(tokens::muted(ui, "None yet."));
-        return;
-    }
-    let weights = session.weights();
-    ScrollArea::vertical().id_salt("answers").max_height((ui.available_height() - 20.0).max(200.0)).show(
-        ui,
-        |ui| {
-            ui.spacing_mut().item_spacing.y = 2.0;
-            for given in answers.iter().rev().take(50) {
-                let answer = &given.answer;
-                let is_flagged = session.query(answer.query).is_some_and(|asked| asked.is_flagged);
-                let response = answer_ui(ui, answer.query, &weights.say(&answer.response), is_flagged);
-                if response.on_hover_text("Answer it again").clicked() {
-                    commands.push(Command::Revisit(answer.query));
-                }
-            }
-        },
-    );
-}
-
-fn answer_ui(ui: &mut Ui, query: QueryId, said: &str, is_flagged: bool) -> UiResponse {
-    let tokens = Tokens::of(ui);
-    let number = format!("{}", query.0 + 1);
-    let (rect, response) = ui.allocate_exact_size(vec2(ui.available_width(), 36.0), Sense::click());
-    response.widget_info(|| WidgetInfo::labeled(Role::Button, true, format!("Query {number}: {said}")));
-    if response.hovered() || response.has_focus() {
-        ui.painter().rect_filled(rect, 4.0, tokens.hovered);
-    }
-    let (head, rest) = said.split_once(": ").unwrap_or(("skipped", said));
-    let inner = rect.shrink2(vec2(6.0, 2.0));
-    let text = format!("{number}  {head}{}", if is_flagged { "  flagged" } else { "" });
-    let put = |y: f32, text: RichText| {
-        let galley = eframe::egui::WidgetText::from(text).into_galley(
-            ui,
-            Some(eframe::egui::TextWrapMode::Truncate),
-            inner.width(),
-            eframe::egui::TextStyle::Small,
-        );
-        ui.painter().galley(pos2(inner.left(), inner.top() + y), galley, tokens.text);
-    };
-    put(0.0, RichText::new(text).size(13.0).color(tokens.text));
-    put(16.0, RichText::new(rest).size(12.0).color(tokens.muted));
-    response
 }

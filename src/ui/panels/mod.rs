@@ -1,5 +1,6 @@
 //! What is drawn: functions of the state that push commands.
 
+mod answers;
 mod deploy;
 mod dream;
 mod help;

@@ -153,10 +153,10 @@ fn session_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
     let is_hot = response.hovered() || response.has_focus();
     let fill = if is_hot { tokens.hovered } else { tokens.here };
     ui.painter().rect_filled(rect, CornerRadius::same(8), fill);
-    let (name, about) = match (&state.store, state.header()) {
-        (Some(store), Some(header)) => {
+    let (name, about) = match &state.store {
+        Some(store) => {
             let name = store.dir().file_name().map(|name| name.to_string_lossy().into_owned());
-            (short_name(&name.unwrap_or_default()), format!("{} session", header.protocol.name()))
+            (short_name(&name.unwrap_or_default()), format!("{} session", state.protocol().name()))
         }
         _ => ("No session yet".to_owned(), "the first dream begins one".to_owned()),
     };

@@ -1,9 +1,10 @@
 //! Driving the real car, to have something that a world model can learn from.
 
-use eframe::egui::{Key, Ui, vec2};
+use eframe::egui::{Ui, vec2};
 
 use crate::env::{MAX_STEPS, STEPS_PER_SEC};
 use crate::ui::command::{Command, Field};
+use crate::ui::keys::Deed;
 use crate::ui::panels::dream::banner;
 use crate::ui::state::State;
 use crate::ui::tokens::{self, Tokens};
@@ -37,7 +38,7 @@ fn stage_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
     let empty = if record.is_on {
         "Drawing the track…"
     } else {
-        "Press Record, then drive with the arrows, WASD or a gamepad."
+        "Press Record, then drive with keys or a gamepad."
     };
     let rim = if is_paused { Rim::Accent } else { Rim::Plain };
     let picture = record.picture.as_ref().filter(|_| live.is_some());
@@ -46,20 +47,24 @@ fn stage_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
         banner(ui, response.rect, "Paused");
     }
     ui.add_space(6.0);
+    let key = |deed| state.keys.of(deed);
     ui.horizontal_wrapped(|ui| {
         ui.spacing_mut().item_spacing.x = 8.0;
         if !record.is_on {
-            let button = KeyButton::new("Record").key(Key::Enter).tone(Tone::Primary).width(150.0);
+            let button = KeyButton::new("Record").key(key(Deed::Begin)).tone(Tone::Primary).width(150.0);
             if button.is_pressed(ui) {
                 commands.push(Command::StartRecording);
             }
             return;
         }
         for (button, command) in [
-            (KeyButton::new("Keep").key(Key::N).tone(Tone::Primary), Command::KeepRecording),
-            (KeyButton::new(if is_paused { "Go on" } else { "Pause" }).key(Key::P), Command::PauseRecording),
-            (KeyButton::new("Redo").key(Key::R), Command::RedoRecording),
-            (KeyButton::new("Leave").key(Key::Escape).tone(Tone::Quiet), Command::LeaveRecording),
+            (KeyButton::new("Keep").key(key(Deed::Keep)).tone(Tone::Primary), Command::KeepRecording),
+            (
+                KeyButton::new(if is_paused { "Go on" } else { "Pause" }).key(key(Deed::Pause)),
+                Command::PauseRecording,
+            ),
+            (KeyButton::new("Redo").key(key(Deed::Redo)), Command::RedoRecording),
+            (KeyButton::new("Leave").key(key(Deed::Leave)).tone(Tone::Quiet), Command::LeaveRecording),
         ] {
             if button.is_pressed(ui) {
                 commands.push(command);

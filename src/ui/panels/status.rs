@@ -39,7 +39,7 @@ pub(super) fn status_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>)
             }
             keycap(ui, Key::Questionmark);
             ui.add_space(12.0);
-            let (name, next) = match state.theme.unwrap_or(ThemePreference::System) {
+            let (name, next) = match state.theme {
                 ThemePreference::System => ("As the system", ThemePreference::Light),
                 ThemePreference::Light => ("Light", ThemePreference::Dark),
                 ThemePreference::Dark => ("Dark", ThemePreference::System),

@@ -158,6 +158,20 @@ pub(crate) fn keycap(ui: &mut Ui, key: Key) -> Response {
     response
 }
 
+/// A key that can be changed, called `name`; while `is_waiting` for another one it stands out.
+pub(crate) fn keycap_button(ui: &mut Ui, key: Key, name: &str, is_waiting: bool) -> Response {
+    let tokens = Tokens::of(ui);
+    let (rect, response) = ui.allocate_exact_size(cap_size(ui.painter(), key), Sense::click());
+    response.widget_info(|| WidgetInfo::labeled(Role::Button, true, format!("{name}: {}", key_name(key))));
+    let is_hot = response.hovered() || response.has_focus();
+    if is_waiting {
+        ui.painter().rect_filled(rect, CornerRadius::same(4), tokens.accent);
+    }
+    let color = if is_waiting { tokens.on_accent } else { tokens.muted };
+    paint_cap(ui.painter(), rect, key, if is_hot && !is_waiting { tokens.accent } else { color });
+    response
+}
+
 /// What stands on a key.
 pub(crate) fn key_name(key: Key) -> &'static str {
     match key {

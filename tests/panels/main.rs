@@ -6,6 +6,9 @@
     reason = "a test that cannot be set up fails, and one that is skipped says so"
 )]
 
+mod journeys;
+mod keys;
+
 use std::path::Path;
 use std::sync::{Arc, Mutex};
 
@@ -24,6 +27,7 @@ use dropj::worker::{
     Reports, TrainerCommand,
 };
 use dropj::world_model::{LatentState, WorldModelConfig, untrained};
+use eframe::Storage;
 use eframe::egui::{Event, Key, Vec2, vec2};
 use egui_kittest::Harness;
 use egui_kittest::kittest::{NodeT as _, Queryable as _};
@@ -131,6 +135,17 @@ fn window(
     size: Vec2,
     picture: bool,
 ) -> (Harness<'static, App>, Backstage) {
+    window_with(dir, session, size, picture, None)
+}
+
+/// A window of somebody who has used one before.
+fn window_with(
+    dir: &Path,
+    session: Option<SessionStore>,
+    size: Vec2,
+    picture: bool,
+    storage: Option<&'static dyn Storage>,
+) -> (Harness<'static, App>, Backstage) {
     let backstage = Backstage::default();
     let crew = backstage.clone();
     let startup = Startup {
@@ -148,7 +163,10 @@ fn window(
     };
     let builder = Harness::builder().with_size(size).with_step_dt(0.04);
     let builder = if picture { builder.with_render_cursor(false).wgpu() } else { builder };
-    let mut harness = builder.build_eframe(|cc| App::new(cc, startup));
+    let mut harness = builder.build_eframe(|cc| {
+        cc.storage = storage;
+        App::new(cc, startup)
+    });
     harness.run_steps(2);
     (harness, backstage)
 }
@@ -459,6 +477,7 @@ fn recording_uses_the_same_keys() {
     let dir = tempfile::tempdir().unwrap();
     let (mut harness, backstage) = window(dir.path(), None, vec2(1280.0, 800.0), false);
     go(&mut harness, Panel::Record);
+    backstage.orders();
     press(&mut harness, Key::Enter);
     backstage.slots.record.put(view(10));
     harness.run_steps(1);
@@ -552,6 +571,12 @@ fn panels_look_as_they_did() {
         harness.run_steps(2);
         results.add(harness.try_snapshot(name));
     }
+    harness.get_by_label("Keys and help").click();
+    harness.run_steps(3);
+    harness.get_by_label("flag: F").click();
+    harness.run_steps(2);
+    press(&mut harness, Key::S);
+    results.add(harness.try_snapshot("keys"));
 }
 
 fn learning(epoch: usize) -> Learning {

@@ -1,0 +1,50 @@
+//! From answers to a reward: the one way that the window, a replay and a simulation go.
+
+use std::ops::ControlFlow;
+
+use rand::SeedableRng as _;
+use rand_chacha::ChaCha8Rng;
+
+use crate::query::{LabeledQuery, SegmentRef};
+use crate::reward::{EpochReport, RewardConfig, RewardEnsemble, SegmentPair, Trainer};
+use crate::world_model::WorldModel;
+
+/// A reward that was learned to the end.
+#[derive(Debug)]
+pub struct Fitted {
+    /// The ensemble, with the answers that it learned from.
+    pub trainer: Trainer,
+    /// The last loss of each member, in nats a label.
+    pub losses: Vec<f32>,
+}
+
+/// Fits a fresh ensemble over the features of `model` to all `labels`, in the order of asking.
+///
+/// The same labels and `seed` give the same reward, in whatever order the labels stand here.
+/// Nothing comes where `on_epoch` breaks; where a segment has no rows, that is the error.
+///
+/// # Shapes
+/// - `rows`: those of a segment, `[k, F + A]`, as [`segment_rows`](crate::reward::segment_rows) makes them
+pub fn fit_anew<E>(
+    model: &WorldModel,
+    config: RewardConfig,
+    seed: u64,
+    labels: &[LabeledQuery],
+    mut rows: impl FnMut(SegmentRef) -> Result<Vec<f32>, E>,
+    mut on_epoch: impl FnMut(&EpochReport) -> ControlFlow<()>,
+) -> Result<Option<Fitted>, E> {
+    let rng = &mut ChaCha8Rng::seed_from_u64(seed);
+    let mut trainer =
+        Trainer::new(RewardEnsemble::new(model.config().n_features(), &model.hash(), config, rng));
+    let mut labels = labels.to_vec();
+    labels.sort_by_key(|labeled| labeled.query.id);
+    for LabeledQuery { query, label } in labels {
+        trainer.take_up(&SegmentPair { left: rows(query.left)?, right: rows(query.right)?, label });
+    }
+    let mut losses = Vec::new();
+    let done = trainer.fit(rng, |report| {
+        losses = report.losses.iter().map(|loss| *loss as f32).collect();
+        on_epoch(report)
+    });
+    Ok(done.is_continue().then_some(Fitted { trainer, losses }))
+}

@@ -1,0 +1,200 @@
+//! What is done with queries: asking, answering, and taking back.
+
+use rand::SeedableRng as _;
+use rand_chacha::ChaCha8Rng;
+
+use crate::query::{
+    Preference, Protocol, QueryId, Response, SEGMENT_LEN, SafetyAnswer, SkipReason, sample_queries,
+};
+use crate::session::{Answer, Choice, Event, Session};
+use crate::ui::App;
+use crate::ui::command::{Command, Field};
+use crate::ui::crew::Order;
+use crate::worker::{ClipperCommand, TrainerCommand};
+
+/// Queries that are drawn before they are needed.
+const N_AHEAD: usize = 5;
+/// The slowest and the fastest clips, in frames a second.
+const SPEEDS: [f64; 7] = [5.0, 10.0, 15.0, 25.0, 35.0, 50.0, 100.0];
+
+impl App {
+    pub(super) fn change_protocol(&mut self, protocol: Protocol) {
+        if protocol != self.state.protocol() && self.record(Event::ProtocolChanged { protocol }) {
+            self.next_query(self.state.label.revisited);
+        }
+    }
+
+    pub(super) fn act_on_label(&mut self, command: Command) {
+        let label = &mut self.state.label;
+        match command {
+            Command::Answer(response) => self.answer(response),
+            Command::GuidedSafe(is_safe) => self.answer_guided(is_safe),
+            Command::Guide(is_guided) => (label.is_guided, label.guided) = (is_guided, Vec::new()),
+            Command::ToggleAnswers => label.is_list_open = !label.is_list_open,
+            Command::Justify(justification) => label.justification = Some(justification),
+            Command::GiveReason(reason) => self.give_reason(reason),
+            Command::Undo => self.undo(),
+            Command::Redo => self.redo(),
+            Command::Flag => self.flag(),
+            Command::Revisit(id) => {
+                (label.revisited, label.said, label.skipped) = (Some(id), None, None);
+                label.guided.clear();
+            }
+            Command::RestartClips => (label.playhead, label.is_standing) = (0.0, false),
+            Command::PauseClips => label.is_standing = !label.is_standing,
+            Command::StepClips(n) => {
+                label.is_standing = true;
+                let frame = (label.playhead as i32).min(SEGMENT_LEN as i32 - 1) + n;
+                label.playhead = f64::from(frame.rem_euclid(SEGMENT_LEN as i32)) + 0.5;
+            }
+            Command::Faster(is_faster) => {
+                let slower = SPEEDS.iter().rev().find(|speed| **speed < label.speed);
+                let faster = SPEEDS.iter().find(|speed| **speed > label.speed);
+                label.speed = *(if is_faster { faster } else { slower }).unwrap_or(&label.speed);
+            }
+            _ => {}
+        }
+    }
+
+    fn answer(&mut self, response: Response) {
+        // An answer counts only for clips that were seen.
+        let Some((query, since)) = self.state.label.shown else { return };
+        if !self.state.protocol().permits(&response)
+            || self.state.current().is_none_or(|next| next.id != query)
+        {
+            return;
+        }
+        let secs = (self.state.now - since).max(0.0) as f32;
+        let annotator = self.annotator();
+        let answer =
+            Answer { loops: self.state.label.loops, ..Answer::new(query, response, secs, &annotator) };
+        if !self.record(Event::Answered(answer)) {
+            return;
+        }
+        let said = self.state.weights().say(&response);
+        let label = &mut self.state.label;
+        label.said = Some(said);
+        label.skipped = matches!(response, Response::Skipped(None)).then_some(query);
+        self.next_query(None);
+        self.teach(query);
+    }
+
+    fn annotator(&self) -> String {
+        let typed = self.state.field(Field::Annotator).trim();
+        let given = self.state.header().map_or("anonymous", |header| header.config.annotator.as_str());
+        if typed.is_empty() { given.to_owned() } else { typed.to_owned() }
+    }
+
+    /// Goes to the next query, or to `revisited` if that is given, as if nothing had been said about it yet.
+    pub(super) fn next_query(&mut self, revisited: Option<QueryId>) {
+        let label = &mut self.state.label;
+        label.revisited = revisited;
+        label.justification = None;
+        label.guided.clear();
+        label.shown = None;
+        self.ask();
+        // The next pair is on the graphics card already: it is in the very next picture of the window.
+        let current = self.state.current().map(|query| query.id);
+        let label = &mut self.state.label;
+        label.shown = current.filter(|id| label.pairs.contains_key(id)).map(|id| (id, self.state.now));
+        (label.playhead, label.loops, label.is_standing) = (0.0, 0, false);
+    }
+
+    fn answer_guided(&mut self, is_safe: bool) {
+        let guided = &mut self.state.label.guided;
+        guided.push(is_safe);
+        let answer = match guided[..] {
+            [true, false] => SafetyAnswer::OnlyLeft,
+            [false, true] => SafetyAnswer::OnlyRight,
+            [false, false] => SafetyAnswer::Neither,
+            _ => return,
+        };
+        self.answer(Response::Safety(answer));
+    }
+
+    fn give_reason(&mut self, reason: SkipReason) {
+        let Some(query) = self.state.label.skipped else { return };
+        if !self.record(Event::SkipExplained { query, reason }) {
+            return;
+        }
+        let why = match reason {
+            SkipReason::Hallucinated => "the dream does not look like the world",
+            SkipReason::Ambiguous => "the clips cannot be told apart",
+            SkipReason::Other => "another reason",
+        };
+        let label = &mut self.state.label;
+        (label.skipped, label.said) = (None, Some(format!("skipped: {why}")));
+    }
+
+    fn undo(&mut self) {
+        if self.state.label.guided.pop().is_some() {
+            return;
+        }
+        let Some(query) = self.state.session().and_then(Session::undoable) else { return };
+        if !self.record(Event::Retracted { query }) {
+            return;
+        }
+        (self.state.label.said, self.state.label.skipped) = (None, None);
+        self.teach(query);
+        self.next_query(Some(query));
+    }
+
+    fn redo(&mut self) {
+        let Some(query) = self.state.session().and_then(Session::redoable) else { return };
+        if self.record(Event::Restored { query }) {
+            self.teach(query);
+            self.next_query(None);
+        }
+    }
+
+    fn flag(&mut self) {
+        let Some(query) = self.state.current().map(|query| query.id) else { return };
+        let is_flagged =
+            self.state.session().and_then(|s| s.query(query)).is_some_and(|asked| asked.is_flagged);
+        self.record(if is_flagged { Event::Unflagged { query } } else { Event::Flagged { query } });
+    }
+
+    /// Tells the trainer what counts for a query now.
+    fn teach(&mut self, query: QueryId) {
+        let Some(session) = self.state.session() else { return };
+        let Some(asked) = session.query(query) else { return };
+        let label = asked.answer().and_then(|given| session.weights().label(&given.answer.response));
+        let command = match label {
+            Some(label) => TrainerCommand::Learn(asked.query, label),
+            None => TrainerCommand::Forget(query),
+        };
+        self.crew.send(Order::Trainer(command));
+    }
+
+    /// Draws queries and has their clips drawn before they are needed.
+    pub(super) fn ask(&mut self) {
+        let Some(store) = &self.state.store else { return };
+        let session = store.session();
+        let missing = N_AHEAD.saturating_sub(session.pending().count());
+        if missing > 0 && self.state.now >= self.state.label.ask_again_at {
+            let first = session.next_query_id();
+            let mut rng = ChaCha8Rng::seed_from_u64(store.header().seed);
+            rng.set_stream(u64::from(first.0));
+            for query in sample_queries(&session.dream_lens(), missing, first, &mut rng) {
+                let (left, right) = (query.left, query.right);
+                let is_written =
+                    self.record(Event::Asked { query: query.id, left, right, choice: Choice::Uniform });
+                if !is_written {
+                    // A full disk is not asked sixty times a second whether it is still full.
+                    self.state.label.ask_again_at = self.state.now + 5.0;
+                    break;
+                }
+            }
+        }
+        for query in self.state.upcoming().into_iter().take(N_AHEAD) {
+            let label = &mut self.state.label;
+            if !label.pairs.contains_key(&query.id) && !label.asked.contains(&query.id) {
+                label.asked.push(query.id);
+                self.crew.send(Order::Clipper(ClipperCommand::Decode(query)));
+            }
+        }
+    }
+}
+
+/// The preference that an arrow means.
+pub(super) const PREFERENCES: [Preference; 3] = [Preference::Left, Preference::Equal, Preference::Right];

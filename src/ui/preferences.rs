@@ -1,0 +1,71 @@
+//! What a person likes, whatever the session: it outlasts the window.
+
+use eframe::Storage;
+use eframe::egui::{Context, ThemePreference};
+use serde::{Deserialize, Serialize};
+
+use crate::env::controls::ControlConfig;
+use crate::ui::command::Field;
+use crate::ui::keys::Keys;
+use crate::ui::state::{NORMAL_SPEED, State};
+
+/// The name under which the system keeps it.
+const NAME: &str = "preferences";
+
+/// All of it; what an earlier program did not know is as at first.
+#[derive(Debug, Serialize, Deserialize)]
+#[serde(default)]
+pub(crate) struct Preferences {
+    theme: ThemePreference,
+    keys: Keys,
+    controls: ControlConfig,
+    /// Frames a second of clips.
+    clip_speed: f64,
+    is_guided: bool,
+    annotator: String,
+}
+
+impl Default for Preferences {
+    fn default() -> Self {
+        Self {
+            theme: ThemePreference::System,
+            keys: Keys::default(),
+            controls: ControlConfig::paper(),
+            clip_speed: NORMAL_SPEED,
+            is_guided: false,
+            annotator: String::new(),
+        }
+    }
+}
+
+impl Preferences {
+    /// What was kept in `storage`, or what there is at first.
+    pub(crate) fn load(storage: Option<&dyn Storage>) -> Self {
+        storage.and_then(|storage| eframe::get_value(storage, NAME)).unwrap_or_default()
+    }
+
+    /// What `state` shows of it.
+    pub(crate) fn of(state: &State) -> Self {
+        Self {
+            theme: state.theme,
+            keys: state.keys.clone(),
+            controls: state.controls,
+            clip_speed: state.label.speed,
+            is_guided: state.label.is_guided,
+            annotator: state.field(Field::Annotator).to_owned(),
+        }
+    }
+
+    /// Brings it into `state`.
+    pub(crate) fn apply(self, ctx: &Context, state: &mut State) {
+        ctx.set_theme(self.theme);
+        (state.theme, state.keys, state.controls) = (self.theme, self.keys, self.controls.clamped());
+        (state.label.speed, state.label.is_guided) = (self.clip_speed.clamp(5.0, 100.0), self.is_guided);
+        state.fields.insert(Field::Annotator, self.annotator);
+    }
+
+    /// Keeps it in `storage`.
+    pub(crate) fn save(&self, storage: &mut dyn Storage) {
+        eframe::set_value(storage, NAME, self);
+    }
+}

@@ -1,0 +1,165 @@
+//! What is done with sessions: beginning, opening, and going on where a killed program left off.
+
+use std::path::Path;
+
+use crate::query::Protocol;
+use crate::session::{Header, Recent, SessionStore, now, recent};
+use crate::ui::App;
+use crate::ui::act::{counted, fresh_seed};
+use crate::ui::command::{Command, Panel};
+use crate::ui::crew::Order;
+use crate::ui::state::{RecentSession, Rewarding};
+use crate::worker::{DriverCommand, TrainerCommand};
+
+impl App {
+    pub(super) fn toggle_sessions(&mut self) {
+        self.state.sessions_open = !self.state.sessions_open;
+        if !self.state.sessions_open {
+            return;
+        }
+        match recent(&self.sessions) {
+            Ok(found) => {
+                self.state.recent = found.into_iter().take(30).map(|recent| self.describe(recent)).collect();
+            }
+            Err(e) => self.fail(e.to_string()),
+        }
+    }
+
+    fn describe(&self, recent: Recent) -> RecentSession {
+        let name =
+            recent.dir.file_name().map_or_else(String::new, |name| name.to_string_lossy().into_owned());
+        let about = match &recent.session {
+            Ok((header, _))
+                if !self.state.world.hash.is_empty() && header.world_model != self.state.world.hash =>
+            {
+                Err("dreamed with another world model: load that one first".to_owned())
+            }
+            Ok((_, session)) => {
+                let (n_dreams, n_answers) = (session.dreams().len(), session.statistics().n_answered);
+                let protocol = session.protocol().name();
+                Ok(format!("{protocol} · {} · {}", counted(n_dreams, "dream"), counted(n_answers, "answer")))
+            }
+            Err(e) => Err(e.to_string()),
+        };
+        RecentSession { dir: recent.dir, name, about }
+    }
+
+    pub(super) fn new_session(&mut self, protocol: Protocol) {
+        let Some(world) = &self.state.world.loaded else {
+            self.fail("a session needs a world model: load one first".to_owned());
+            return;
+        };
+        let path =
+            world.path.as_ref().filter(|path| path.is_absolute()).map(|path| path.display().to_string());
+        let header = Header::new(&self.state.env, protocol, fresh_seed() >> 11, &self.state.world.hash, now());
+        let header = Header { world_model_path: path, ..header };
+        match SessionStore::create_in(&self.sessions, header) {
+            Ok(store) => {
+                self.state.sessions_open = false;
+                self.adopt(store);
+            }
+            Err(e) => {
+                let ways = vec![("Other sessions…".to_owned(), Command::ToggleSessions)];
+                self.fail_with(e.to_string(), ways);
+            }
+        }
+    }
+
+    pub(super) fn open_session(&mut self, dir: &Path) {
+        if self.state.store.as_ref().is_some_and(|store| store.dir() == dir) {
+            self.state.sessions_open = false;
+            return;
+        }
+        let hash = Some(self.state.world.hash.as_str()).filter(|hash| !hash.is_empty());
+        match SessionStore::open(dir, hash) {
+            Ok(store) => {
+                self.state.sessions_open = false;
+                self.adopt(store);
+                self.state.panel = Panel::Label;
+            }
+            Err(e) => self.fail(e.to_string()),
+        }
+    }
+
+    pub(super) fn restart(&mut self) {
+        if let Some(world) = &self.state.world.loaded {
+            self.crew.change_world(&world.parameters);
+        }
+        if let Some(store) = self.state.store.take() {
+            self.adopt(store);
+        }
+    }
+
+    /// Goes on with the session in `store`, telling the workers all that is in it.
+    pub(super) fn adopt(&mut self, store: SessionStore) {
+        self.end_dream();
+        self.crew.forget();
+        (self.state.label, self.state.reward) = (self.state.label.anew(), Rewarding::default());
+        if let Some(torn) = store.torn() {
+            self.warn(format!(
+                "the last line of this session was cut short when the program ended: {torn:?}"
+            ));
+        }
+        for (id, _) in store.session().dream_lens() {
+            match store.dream(id) {
+                Ok(episode) => self.teach_dream(id, episode),
+                Err(e) => self.fail(e.to_string()),
+            }
+        }
+        for labeled in store.session().labeled() {
+            self.crew.send(Order::Trainer(TrainerCommand::Learn(labeled.query, labeled.label)));
+        }
+        match store.reward() {
+            Ok(Some(parameters)) => {
+                self.state.reward.n_learned =
+                    store.session().fits().last().map_or(0, |fitted| fitted.fit.n_labels);
+                self.state.reward.parameters = Some(parameters.clone());
+                self.crew.send(Order::Driver(DriverCommand::Reward(parameters)));
+            }
+            Ok(None) => {}
+            Err(e) => self.fail(e.to_string()),
+        }
+        self.state.store = Some(store);
+        self.look_for_unfinished();
+    }
+
+    fn look_for_unfinished(&mut self) {
+        let found = self.state.store.as_ref().map_or_else(|| Ok(Vec::new()), SessionStore::unfinished_dreams);
+        match found {
+            Ok(found) => self.state.unfinished = found,
+            Err(e) => self.fail(e.to_string()),
+        }
+        let n = self.state.unfinished.len();
+        if n > 0 {
+            let text = format!("{} survived a program that was ended while driving", counted(n, "dream"));
+            let ways = [("Keep", Command::RecoverDreams), ("Throw away", Command::DiscardUnfinished)];
+            self.offer(text, ways.map(|(name, command)| (name.to_owned(), command)).into());
+        }
+    }
+
+    pub(super) fn recover(&mut self) {
+        if self.state.unfinished.is_empty() {
+            let Some(store) = &self.state.store else { return };
+            self.state.unfinished = store.unfinished_dreams().unwrap_or_default();
+        }
+        for left in std::mem::take(&mut self.state.unfinished) {
+            let Some(store) = &mut self.state.store else { return };
+            let episode = left.episode.clone();
+            match store.recover(left) {
+                Ok(id) => {
+                    self.teach_dream(id, episode);
+                    self.done(format!("dream {} is kept", id.0 + 1));
+                }
+                Err(e) => self.fail(e.to_string()),
+            }
+        }
+    }
+
+    pub(super) fn discard_unfinished(&mut self) {
+        for left in std::mem::take(&mut self.state.unfinished) {
+            if let Err(e) = left.discard() {
+                self.fail(e.to_string());
+            }
+        }
+    }
+}
