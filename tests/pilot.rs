@@ -1,6 +1,6 @@
 //! What the scripted pilot records: mostly the road, enough of the grass, never far from either.
 
-use dropj::env::{Action, CarRacing, End, Env as _, Seed, Truth};
+use dropj::env::{Action, Aids, CarRacing, End, Env as _, ObstacleCarRacing, Obstacles, Seed, Truth};
 use dropj::simulate::pilot::{PilotStyle, ScriptedPilot};
 use rand::SeedableRng as _;
 use rand_chacha::ChaCha8Rng;
@@ -66,4 +66,31 @@ fn the_same_seed_drives_the_same_way() {
     let actions = |seed| drive(seed, ScriptedPilot::drawn).0.into_iter().map(|(a, _)| a).collect::<Vec<_>>();
 
     assert_eq!(actions(3), actions(3));
+}
+
+#[test]
+fn a_pilot_passes_most_obstacles_and_meets_some() {
+    let (mut chuckholes, mut cars, mut n_visited) = ([0; 2], [0; 2], 0);
+    for seed in 0..12 {
+        let rng = &mut ChaCha8Rng::seed_from_u64(seed);
+        let mut pilot = ScriptedPilot::drawn(rng);
+        let seed = Seed::Native(seed);
+        let mut env = ObstacleCarRacing::new(seed, Obstacles::ChuckholesAndCars, Aids::NONE);
+        let mut end = None;
+        while end.is_none() {
+            let outcome = env.advance(pilot.act(&env.truth(), rng));
+            let events = outcome.events;
+            chuckholes[0] += usize::from(events.chuckhole);
+            chuckholes[1] += usize::from(events.chuckhole_passed);
+            cars[0] += usize::from(events.car);
+            cars[1] += usize::from(events.car_passed);
+            end = outcome.end;
+        }
+        assert_eq!(end, Some(End::TimeLimit), "nobody leaves the field");
+        n_visited += env.truth().n_visited;
+    }
+    let rate = |[met, passed]: [usize; 2]| met as f64 / passed as f64;
+    assert!((0.15..0.6).contains(&rate(chuckholes)), "{chuckholes:?} chuckholes touched and passed");
+    assert!((0.1..0.6).contains(&rate(cars)), "{cars:?} cars hit and passed");
+    assert!(n_visited > 12 * 80, "{n_visited} tiles in all");
 }

@@ -4,7 +4,7 @@ use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 
 use anyhow::Context as _;
-use dropj::env::{CarRacing, Env};
+use dropj::env::Env;
 use dropj::evaluation::{
     PlanningPolicy, Policy, Step, StraightOn, Summary, TracksAlike, evaluate_episode, table,
 };
@@ -14,7 +14,7 @@ use dropj::session::SessionStore;
 use rand::SeedableRng as _;
 use rand_chacha::ChaCha8Rng;
 
-use super::{EnvName, models};
+use super::{EnvName, Switch, models};
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct Options {
@@ -30,6 +30,9 @@ pub(crate) struct Options {
     /// The world to drive in
     #[arg(long, value_enum, default_value = "car-racing")]
     env: EnvName,
+    /// The driving aids of the paper's evaluation, where there are obstacles
+    #[arg(long, value_enum, default_value = "on")]
+    aids: Switch,
     /// How many episodes
     #[arg(long, default_value_t = 10)]
     episodes: u64,
@@ -51,7 +54,6 @@ pub(crate) struct Options {
 }
 
 pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
-    anyhow::ensure!(options.env == EnvName::CarRacing, "only car-racing can be deployed in so far");
     tch::set_num_threads(1);
     let kept = options.session.as_deref().map(SessionStore::read_reward).transpose()?;
     let model = match (&options.world, &options.session) {
@@ -71,15 +73,15 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
     let reward = reward.frozen();
 
     let memory_reset = (options.memory_reset > 0).then_some(options.memory_reset);
-    let config = PlannerConfig { memory_reset, ..PlannerConfig::car_racing() };
+    let config = PlannerConfig { memory_reset, ..options.env.planner() };
     let tracks = TracksAlike { seed: options.seed };
     let mut episodes = Vec::new();
     let mut steps =
-        "track,step,speed,lateral,heading_error,wheels_off,grass,steer,gas,brake,chosen,best,worst\n"
+        "track,step,speed,lateral,heading_error,wheels_off,grass,chuckhole,car,steer,gas,brake,chosen,best,worst\n"
             .to_owned();
     for i in 0..options.episodes {
         let seed = tracks.track(i);
-        let mut env: Box<dyn Env> = Box::new(CarRacing::new(seed));
+        let mut env = options.env.open(options.aids.aids());
         let agent = Agent::new(config.clone(), options.seed.wrapping_add(i));
         let mut planning = PlanningPolicy::new(&model, &reward, agent);
         let policy: &mut dyn Policy = if options.straight_on { &mut StraightOn } else { &mut planning };
@@ -93,11 +95,13 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
             println!("{}", serde_json::json!({"track": options.seed + i, "metrics": metrics}));
         } else {
             println!(
-                "track {}: return {:.0}, new tiles {:.1} %, grass {:.2} %, {} steps, plan {:.1} ms",
+                "track {}: return {:.0}, new tiles {:.1} %, grass {:.2} %, {}{}{} steps, plan {:.1} ms",
                 options.seed + i,
                 metrics.ret,
                 100.0 * metrics.new_tile_rate,
                 100.0 * metrics.grass_rate,
+                rate("chuckholes", metrics.chuckhole_rate),
+                rate("cars", metrics.car_rate),
                 metrics.n_steps,
                 metrics.plan_ms_mean.unwrap_or(0.0)
             );
@@ -117,23 +121,30 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
     Ok(())
 }
 
+/// A rate that not every world has, in percent.
+fn rate(name: &str, rate: Option<f32>) -> String {
+    rate.map_or(String::new(), |rate| format!("{name} {:.0} %, ", 100.0 * rate))
+}
+
 /// A line of the table of steps.
 fn line(track: u64, env: &dyn Env, step: &Step<'_>) -> String {
     let truth = env.truth();
-    let action = step.executed;
+    let (action, events) = (step.executed, step.outcome.events);
     let plan = step.plan.map_or(",,".to_owned(), |plan| {
         let returns = || plan.candidates.iter().map(|candidate| candidate.predicted_return);
         let (best, worst) = (returns().fold(f32::MIN, f32::max), returns().fold(f32::MAX, f32::min));
         format!("{},{best:.3},{worst:.3}", plan.chosen)
     });
     format!(
-        "{track},{},{:.2},{:.2},{:.3},{},{},{},{},{},{plan}\n",
+        "{track},{},{:.2},{:.2},{:.3},{},{},{},{},{},{},{},{plan}\n",
         step.t,
         truth.speed,
         truth.lateral,
         truth.heading_error,
         truth.wheels_off,
-        u8::from(step.outcome.events.grass),
+        u8::from(events.grass),
+        u8::from(events.chuckhole),
+        u8::from(events.car),
         action.steer,
         action.gas,
         action.brake

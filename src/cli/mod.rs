@@ -16,7 +16,10 @@ mod window;
 
 use clap::{Parser, Subcommand, ValueEnum};
 use dropj::env::{Aids, CarRacing, Env, ObstacleCarRacing, Obstacles, Seed};
+use dropj::planner::PlannerConfig;
 use dropj::query::Protocol;
+use dropj::reward::RewardConfig;
+use dropj::world_model::WorldModelConfig;
 
 /// Safe reward learning from a person who drives in a dream and says what they prefer, and why.
 #[derive(Debug, Parser)]
@@ -61,6 +64,19 @@ enum EnvName {
     ObstacleCarRacingChuckholes,
 }
 
+/// Whether something helps.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum Switch {
+    On,
+    Off,
+}
+
+impl Switch {
+    fn aids(self) -> Aids {
+        if self == Self::On { Aids::ALL } else { Aids::NONE }
+    }
+}
+
 impl EnvName {
     /// The world itself; where there are obstacles, `aids` may help the driver.
     fn open(self, aids: Aids) -> Box<dyn Env> {
@@ -92,6 +108,15 @@ impl EnvName {
             Self::ObstacleCarRacing | Self::ObstacleCarRacingChuckholes => {
                 RewardConfig::obstacle_car_racing()
             }
+        }
+    }
+
+    /// How the authors' planner looks ahead there.
+    fn planner(self) -> PlannerConfig {
+        match self {
+            Self::CarRacing => PlannerConfig::car_racing(),
+            Self::ObstacleCarRacing => PlannerConfig::obstacle_car_racing(),
+            Self::ObstacleCarRacingChuckholes => PlannerConfig::obstacle_car_racing_chuckholes(),
         }
     }
 

@@ -4,9 +4,9 @@ use std::path::{Path, PathBuf};
 
 use anyhow::Context as _;
 use dropj::env::trace::{Row, Traced, trace};
-use dropj::env::{Aids, CarRacing, ObstacleCarRacing, Obstacles, Seed};
+use dropj::env::{CarRacing, ObstacleCarRacing, Obstacles, Seed};
 
-use super::EnvName;
+use super::{EnvName, Switch};
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct Options {
@@ -30,18 +30,12 @@ pub(crate) struct Options {
     frames: Option<PathBuf>,
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
-enum Switch {
-    On,
-    Off,
-}
-
 pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
     let text = std::fs::read_to_string(&options.actions)
         .with_context(|| format!("cannot read the actions {:?}", options.actions))?;
     let actions = parse(&text).with_context(|| format!("in the actions {:?}", options.actions))?;
     let seed = Seed::Gym { env: options.gym_seed, python: options.python_seed };
-    let aids = if options.aids == Switch::On { Aids::ALL } else { Aids::NONE };
+    let aids = options.aids.aids();
     let mut env: Box<dyn Traced> = match options.env {
         EnvName::CarRacing => Box::new(CarRacing::new(seed)),
         EnvName::ObstacleCarRacing => {

@@ -150,7 +150,7 @@ mod tests {
     use rand_chacha::ChaCha8Rng;
 
     use super::*;
-    use crate::env::{End, Events, Truth};
+    use crate::env::{Aids, End, Events, ObstacleCarRacing, Obstacles, Truth};
     use crate::planner::PlannerConfig;
     use crate::reward::{RewardConfig, RewardEnsemble};
     use crate::world_model::{WorldModelConfig, untrained};
@@ -207,6 +207,23 @@ mod tests {
         };
         let metrics = evaluate_episode(&mut TenSteps(0), Seed::Native(0), &mut StraightOn, stop_at_three);
         assert_eq!((metrics.n_steps, metrics.finished), (4, false));
+    }
+
+    #[test]
+    fn with_aids_what_is_executed_is_not_what_was_chosen() {
+        let executed = |aids| {
+            let seed = Seed::Native(0);
+            let mut env = ObstacleCarRacing::new(seed, Obstacles::Chuckholes, aids);
+            let mut executed = Action::default();
+            let metrics = evaluate_episode(&mut env, seed, &mut StraightOn, |_, step| {
+                executed = step.executed;
+                ControlFlow::Break(())
+            });
+            assert_eq!((metrics.n_steps, metrics.car_rate), (1, None), "no cars, no rate of them");
+            executed
+        };
+        assert_eq!(executed(Aids::ALL), Action::new(0.0, 0.3, 0.0));
+        assert_ne!(executed(Aids::NONE), executed(Aids::ALL));
     }
 
     #[test]

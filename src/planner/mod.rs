@@ -40,8 +40,13 @@ impl PlannerConfig {
         Self { horizon: 15, replan: 4, brake: 0.2, temperature: 0.1, memory_reset: Some(50) }
     }
 
-    /// The authors' values for Obstacle Car Racing with chuckholes.
+    /// The authors' values for Obstacle Car Racing with chuckholes and other cars.
     pub fn obstacle_car_racing() -> Self {
+        Self { brake: 0.05, ..Self::car_racing() }
+    }
+
+    /// The authors' values for Obstacle Car Racing with chuckholes alone.
+    pub fn obstacle_car_racing_chuckholes() -> Self {
         Self { brake: 0.1, ..Self::car_racing() }
     }
 }

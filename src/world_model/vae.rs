@@ -235,7 +235,8 @@ impl Linear {
 
 /// The layers that are large and cover few pixels pass faster as one matrix product (measured; see the benches).
 fn as_matrix(inputs: i64, layer: Layer) -> bool {
-    inputs + layer.channels >= 280 && layer.kernel == 4 && layer.padding == 0
+    let large = if layer.padding == 0 { 280 } else { 700 };
+    inputs + layer.channels >= large && layer.kernel == 4
 }
 
 fn channels_first(x: &Tensor) -> Tensor {
@@ -282,7 +283,8 @@ impl Conv {
             let y = channels_first(x).conv2d(&weight, Some(&bias), [stride; 2], [padding; 2], [1; 2], 1);
             return channels_last(&y);
         }
-        let patches = x.unfold(1, k, stride).unfold(2, k, stride); // [B, P', P', C, k, k]
+        let patches = x.constant_pad_nd([0, 0, padding, padding, padding, padding]);
+        let patches = patches.unfold(1, k, stride).unfold(2, k, stride); // [B, P', P', C, k, k]
         let [b, p, q, c, ..] = dims::<6>(&patches);
         let rows = patches.permute([0, 1, 2, 4, 5, 3]).reshape([b * p * q, k * k * c]);
         bias.addmm(&rows, &weight).view([b, p, q, channels])
@@ -306,7 +308,7 @@ impl Deconv {
         let (k, out) = (layer.kernel, layer.channels);
         // PyTorch reads the fan-in of a transposed convolution off the wrong axis: the outputs.
         let bound = 1.0 / ((out * k * k) as f64).sqrt();
-        let is_matrix = as_matrix(inputs, layer) && layer.stride == 1;
+        let is_matrix = as_matrix(inputs, layer);
         let shape = if is_matrix { vec![inputs, k * k * out] } else { vec![inputs, out, k, k] };
         let weight = path.var_copy("weight", &uniform(rng, &shape, bound));
         let bias = path.var_copy("bias", &uniform(rng, &[out], bound));
@@ -328,13 +330,17 @@ impl Deconv {
             return channels_last(&y);
         }
         // Every input pixel stamps a k × k patch; overlapping stamps add up, row by row and then column by column.
+        // A stride of s makes of k rows k / s groups of s that stay together.
         let [b, p, q, c] = dims(x);
-        let stamps = x.reshape([b * p * q, c]).matmul(&weight).view([b, p, q, k, k * channels]);
-        let rows = overlap(&stamps.permute([0, 2, 1, 3, 4]).reshape([b * q, p, k, k * channels])); // [B Q, P', k C]
-        let p = p + k - 1;
+        let (n, width) = (k / stride, stride * k * channels);
+        let stamps = x.reshape([b * p * q, c]).matmul(&weight).view([b, p, q, n, width]);
+        let rows = overlap(&stamps.permute([0, 2, 1, 3, 4]).reshape([b * q, p, n, width])); // [B Q, p + n − 1, s k C]
+        let p = (p - 1) * stride + k;
         let rows = rows.view([b, q, p, k, channels]).permute([0, 2, 1, 3, 4]);
-        let y = overlap(&rows.reshape([b * p, q, k, channels])); // [B P', Q', C]
-        y.view([b, p, q + k - 1, channels]) + bias
+        let y = overlap(&rows.reshape([b * p, q, n, stride * channels])); // [B P', q + n − 1, s C]
+        let y = y.view([b, p, (q - 1) * stride + k, channels]);
+        let inside = |y: &Tensor, axis| y.narrow(axis, padding, y.size()[axis as usize] - 2 * padding);
+        inside(&inside(&y, 1), 2) + bias
     }
 }
 
@@ -404,30 +410,26 @@ mod tests {
 
     #[test]
     fn a_convolution_as_a_matrix_is_the_same_convolution() {
-        let layer = Layer { channels: 200, kernel: 4, stride: 1, padding: 0 };
-        let store = nn::VarStore::new(Device::Cpu);
-        let conv = Conv::new(&(store.root() / "c"), 96, layer, &mut rng());
-        let deconv = Deconv::new(&(store.root() / "d"), 96, layer, &mut rng());
-        assert!(conv.is_matrix && deconv.is_matrix, "the layer is large enough");
-        let x = normal(&mut rng(), &[2, 5, 6, 96]);
+        for (inputs, channels, stride, padding) in [(96, 200, 1, 0), (96, 200, 2, 0), (300, 400, 2, 1)] {
+            let layer = Layer { channels, kernel: 4, stride, padding };
+            let store = nn::VarStore::new(Device::Cpu);
+            let conv = Conv::new(&(store.root() / "c"), inputs, layer, &mut rng());
+            let deconv = Deconv::new(&(store.root() / "d"), inputs, layer, &mut rng());
+            assert!(conv.is_matrix && deconv.is_matrix, "the layer is large enough");
+            let x = normal(&mut rng(), &[2, 6, 8, inputs]);
+            let (stride, padding) = ([stride; 2], [padding; 2]);
+            let apart = |a: &Tensor, b: &Tensor| (a - b).abs().max().double_value(&[]);
 
-        let weight = conv.weight.view([4, 4, 96, 200]).permute([3, 2, 0, 1]);
-        let plain = channels_first(&x).conv2d(&weight, Some(&conv.bias), [1; 2], [0; 2], [1; 2], 1);
-        let difference = conv.forward(&x, Kind::Float) - channels_last(&plain);
-        assert!(difference.abs().max().double_value(&[]) < 1e-4, "convolution");
+            let weight = conv.weight.view([4, 4, inputs, channels]).permute([3, 2, 0, 1]);
+            let bias = Some(&conv.bias);
+            let plain = channels_first(&x).conv2d(&weight, bias, stride, padding, [1; 2], 1);
+            assert!(apart(&conv.forward(&x, Kind::Float), &channels_last(&plain)) < 1e-4, "{layer:?}");
 
-        let weight = deconv.weight.view([96, 4, 4, 200]).permute([0, 3, 1, 2]);
-        let plain = channels_first(&x).conv_transpose2d(
-            &weight,
-            Some(&deconv.bias),
-            [1; 2],
-            [0; 2],
-            [0; 2],
-            1,
-            [1; 2],
-        );
-        let difference = deconv.forward(&x, Kind::Float) - channels_last(&plain);
-        assert!(difference.abs().max().double_value(&[]) < 1e-4, "transposed convolution");
+            let weight = deconv.weight.view([inputs, 4, 4, channels]).permute([0, 3, 1, 2]);
+            let (x_first, bias) = (channels_first(&x), Some(&deconv.bias));
+            let plain = x_first.conv_transpose2d(&weight, bias, stride, padding, [0; 2], 1, [1; 2]);
+            assert!(apart(&deconv.forward(&x, Kind::Float), &channels_last(&plain)) < 1e-4, "{layer:?}");
+        }
     }
 
     #[test]

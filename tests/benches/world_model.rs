@@ -1,14 +1,17 @@
 //! What a labeler and a researcher feel of the world model: a dream step with its picture, and a training update.
 //!
-//! One thread throughout; compare figures of one run only.
+//! One thread, unless the name says another number; compare figures of one run only.
 
 use divan::Bencher;
 use dropj::dream::Dream;
-use dropj::env::Action;
+use dropj::env::{Action, Frame};
+use dropj::planner::{PlannerConfig, plan};
+use dropj::reward::{RewardConfig, RewardEnsemble};
 use dropj::tensor::adam::Adam;
 use dropj::tensor::normal;
 use dropj::world_model::{
-    LatentState, MdnRnn, MdnRnnConfig, Vae, VaeConfig, WorldModelConfig, fast_kind, untrained,
+    LatentState, MdnRnn, MdnRnnConfig, Next, Noise, State, Vae, VaeConfig, WorldModel, WorldModelConfig,
+    actions_tensor, fast_kind, untrained,
 };
 use rand::SeedableRng as _;
 use rand_chacha::ChaCha8Rng;
@@ -59,4 +62,43 @@ fn dream_step_and_picture(bencher: Bencher<'_, '_>) {
         dream.step(&model, Action::default(), &mut rng);
         dream.frame(&model)
     });
+}
+
+/// Networks for obstacles, and on how many threads they run.
+const OBSTACLES: [(&str, i32); 4] = [("compact", 1), ("compact", 2), ("paper", 1), ("paper", 2)];
+
+/// A model of that size and one of its states.
+fn obstacles((size, threads): (&str, i32)) -> (WorldModel, State) {
+    tch::set_num_threads(threads);
+    let compact = WorldModelConfig::obstacle_compact();
+    let config = if size == "compact" { compact } else { WorldModelConfig::obstacle_car_racing() };
+    let model = untrained(&config, &mut rng());
+    let frame = Frame::new(128, vec![100u8; 3 * 128 * 128]);
+    let state = State { z: model.observe(&[frame]), memory: model.no_memory(1) };
+    (model, state)
+}
+
+#[divan::bench(args = OBSTACLES, sample_count = 100, sample_size = 1)]
+fn obstacle_step(bencher: Bencher<'_, '_>, on: (&str, i32)) {
+    let ((model, state), mut rng) = (obstacles(on), rng());
+    let actions = actions_tensor(&[Action::default()]);
+    bencher.bench_local(|| {
+        let noise = Noise::draw(1, 64, &mut rng);
+        model.imagine(&state, &actions, Next::Sample { temperature: 1.0, noise: &noise })
+    });
+}
+
+#[divan::bench(args = OBSTACLES, sample_count = 50, sample_size = 1)]
+fn obstacle_decode(bencher: Bencher<'_, '_>, on: (&str, i32)) {
+    let (model, state) = obstacles(on);
+    bencher.bench_local(|| model.decode(&state.z));
+}
+
+#[divan::bench(args = OBSTACLES, sample_count = 50, sample_size = 1)]
+fn obstacle_plan_15_times_15(bencher: Bencher<'_, '_>, on: (&str, i32)) {
+    let ((model, state), mut rng) = (obstacles(on), rng());
+    let n_features = model.config().n_features();
+    let reward = RewardEnsemble::new(n_features, "sha256:0", RewardConfig::obstacle_car_racing(), &mut rng);
+    let (reward, config) = (reward.frozen(), PlannerConfig::obstacle_car_racing());
+    bencher.bench_local(|| plan(&model, &reward, &state, &config, &mut rng).chosen);
 }
