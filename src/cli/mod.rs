@@ -9,6 +9,7 @@ mod fit_probe;
 mod fit_world;
 mod models;
 mod record;
+mod refit;
 mod replay;
 mod simulate;
 mod trace;
@@ -43,6 +44,8 @@ enum Command {
     FitProbe(fit_probe::Options),
     /// Play dreams, answer queries and fit a reward, with simulated people (steps 2 and 3)
     Simulate(simulate::Options),
+    /// Learn a session's answers anew, perhaps with other weights (step 3)
+    Refit(refit::Options),
     /// Drive the real car by a session's reward (step 4)
     Deploy(deploy::Options),
     /// Say whether methods differ by more than chance, from what `deploy --json` printed of each
@@ -120,6 +123,12 @@ impl EnvName {
         }
     }
 
+    /// The world that is called so in sessions and recordings.
+    fn named(name: &str) -> anyhow::Result<Self> {
+        let known = Self::from_str(name, false);
+        known.map_err(|_| anyhow::anyhow!("{name:?} is not a world of this program"))
+    }
+
     fn name(self) -> &'static str {
         match self {
             Self::CarRacing => "car-racing",
@@ -143,6 +152,7 @@ pub(crate) fn run(cli: Cli) -> anyhow::Result<()> {
         Some(Command::CheckWorld(options)) => check_world::run(&options),
         Some(Command::FitProbe(options)) => fit_probe::run(&options),
         Some(Command::Simulate(options)) => simulate::run(&options),
+        Some(Command::Refit(options)) => refit::run(&options),
         Some(Command::Deploy(options)) => deploy::run(&options),
         Some(Command::Compare(options)) => compare::run(&options),
         Some(Command::Replay(options)) => replay::run(&options),

@@ -30,9 +30,14 @@ pub(crate) fn world_model(path: &Path) -> anyhow::Result<WorldModel> {
     WorldModel::load(parameters).with_context(|| format!("in the file {path:?}"))
 }
 
-/// The probe in `path`, or the shipped one.
-pub(crate) fn probe(path: Option<&Path>) -> anyhow::Result<Probe> {
-    let shipped = asset("probe-car-racing.safetensors");
+/// The probe in `path`, or the shipped one of an environment.
+pub(crate) fn probe(path: Option<&Path>, env: EnvName) -> anyhow::Result<Probe> {
+    let shipped = match env {
+        EnvName::CarRacing => asset("probe-car-racing.safetensors"),
+        EnvName::ObstacleCarRacing | EnvName::ObstacleCarRacingChuckholes => {
+            asset("probe-obstacle-car-racing.safetensors")
+        }
+    };
     let path = path.unwrap_or(&shipped);
     let parameters = read_parameters(path)
         .context("there is no usable probe; give one with --probe, or fit one with `dropj fit-probe`")?;

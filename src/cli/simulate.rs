@@ -1,35 +1,40 @@
 //! `dropj simulate`.
 
-use std::collections::BTreeMap;
-use std::convert::Infallible;
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use anyhow::Context as _;
-use dropj::query::{Protocol, Query, SegmentRef};
-use dropj::reward::{Fitted, RewardConfig, fit_anew, segment_rows};
-use dropj::session::{Answer, Choice, DreamSource, Event, Fit, Header, SessionStore, now};
+use dropj::query::{Justifications, Protocol, Query};
+use dropj::session::{Answer, Choice, DreamSource, Event, Header, SessionStore, now};
 use dropj::simulate::annotator::Annotator;
 use dropj::simulate::run::{Answered, Progress, SimulateConfig, simulate};
-use dropj::world_model::WorldModel;
 
+use super::refit::fit_reward;
 use super::{EnvName, models, names};
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct Options {
-    /// Which questions are asked; of several, such as drop,drope,dropj, each gets its share of the queries
-    #[arg(long, value_parser = parse_protocol, value_delimiter = ',', default_value = "dropj")]
+    /// The world that is dreamed of
+    #[arg(long, value_enum, default_value = "car-racing")]
+    env: EnvName,
+    /// Which questions are asked; of several, such as drop,drope,dropj, each gets its share of the queries [default:
+    /// dropj, with obstacles dropj-multi]
+    #[arg(long, value_parser = parse_protocol, value_delimiter = ',')]
     protocol: Vec<Protocol>,
-    /// How many queries; those that are skipped count
-    #[arg(long, default_value_t = 500)]
-    queries: usize,
+    /// What may be named under dropj-multi, and what it weighs: the most severe first, such as
+    /// chuckhole=1,grass=0.95,default=0.75
+    #[arg(long, value_parser = parse_weight, value_delimiter = ',')]
+    weights: Vec<(String, f32)>,
+    /// How many queries; those that are skipped count [default: the paper's 500, with obstacles 1000]
+    #[arg(long)]
+    queries: Option<usize>,
     /// How many answers are taken back and given again, evenly spread
     #[arg(long, default_value_t = 0)]
     undo: usize,
-    /// How many dreams are played
-    #[arg(long, default_value_t = 10)]
-    dreams: usize,
+    /// How many dreams are played [default: the paper's 10, with obstacles 60]
+    #[arg(long)]
+    dreams: Option<usize>,
     /// Steps of a dream
     #[arg(long, default_value_t = 1000)]
     steps: usize,
@@ -95,27 +100,48 @@ fn parse_protocol(text: &str) -> Result<Protocol, String> {
         "drop" => Ok(Protocol::Drop),
         "drope" => Ok(Protocol::Drope),
         "dropj" => Ok(Protocol::Dropj),
-        _ => Err("the protocols that can be simulated are drop, drope and dropj".to_owned()),
+        "dropj-multi" => Ok(Protocol::DropjMulti),
+        _ => Err("the protocols that can be simulated are drop, drope, dropj and dropj-multi".to_owned()),
     }
 }
 
+/// A justification and its weight.
+pub(super) fn parse_weight(text: &str) -> Result<(String, f32), String> {
+    let (name, weight) = text.split_once('=').ok_or("a weight is written name=number")?;
+    let weight = weight.parse().map_err(|_| format!("{weight:?} is not a number"))?;
+    Ok((name.to_owned(), weight))
+}
+
 pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
-    let env = EnvName::CarRacing;
+    let env = options.env;
     let world = options.world.clone().unwrap_or_else(|| models::world_model_asset(env));
     let model = models::world_model(&world)?;
-    let probe = models::probe(options.probe.as_deref())?;
-    let mut header = Header::new(env.name(), options.protocol[0], options.seed, &model.hash(), now());
+    let probe = models::probe(options.probe.as_deref(), env)?;
+    let protocols = match &options.protocol[..] {
+        [] => vec![Protocol::of_env(env.name())],
+        asked => asked.to_vec(),
+    };
+    let mut header = Header::new(env.name(), protocols[0], options.seed, &model.hash(), now());
+    if !options.weights.is_empty() {
+        header.config.weights.justifications = Justifications::new(options.weights.iter().cloned())?;
+    }
+    let justifications = header.config.weights.justifications.clone();
     "simulated".clone_into(&mut header.config.annotator);
     header.world_model_path = relative(&options.out, &world);
     let mut store = SessionStore::create(&options.out, header)?;
 
+    let papers = match env {
+        EnvName::CarRacing => SimulateConfig::car_racing(protocols[0], options.seed),
+        _ => SimulateConfig::obstacle_car_racing(protocols[0], options.seed),
+    };
     let config = SimulateConfig {
-        protocols: options.protocol.clone(),
-        n_queries: options.queries,
-        n_dreams: options.dreams,
+        protocols,
+        justifications,
+        n_queries: options.queries.unwrap_or(papers.n_queries),
+        n_dreams: options.dreams.unwrap_or(papers.n_dreams),
         dream_steps: options.steps,
-        seed: options.seed,
         annotator: options.knobs.annotator(),
+        ..papers
     };
     anyhow::ensure!(
         !model.starts().is_empty(),
@@ -143,7 +169,7 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
         let is_undone = (i + 1) * options.undo / n > i * options.undo / n;
         record(&mut store, answered, is_undone)?;
     }
-    let fit = fit_reward(&mut store, &model, options.seed)?;
+    let fit = fit_reward(&mut store, &model, env.reward(), options.seed)?;
     println!(
         "{}: {} dreams, {} queries, {} labels; {:.0} % of the clips unsafe; losses {:.4?}; {:.0} s; {:?}",
         names(&store.session().protocols()),
@@ -172,30 +198,6 @@ fn record(store: &mut SessionStore, answered: &Answered, is_undone: bool) -> any
     }
     store.record(answer)?;
     Ok(())
-}
-
-/// Fits a fresh reward to every answer of the session and keeps it there.
-fn fit_reward(store: &mut SessionStore, model: &WorldModel, seed: u64) -> anyhow::Result<Fit> {
-    let mut dreams = BTreeMap::new();
-    for kept in store.session().dreams() {
-        let episode = store.dream(kept.dream)?;
-        let features = episode.features(model);
-        dreams.insert(kept.dream, (episode.actions, features));
-    }
-    let rows = |segment: SegmentRef| {
-        let (actions, features) = &dreams[&segment.dream];
-        Ok::<_, Infallible>(segment_rows(features, actions, segment))
-    };
-    let labels = store.session().labeled();
-    anyhow::ensure!(!labels.is_empty(), "there are no answers to learn from");
-    let config = RewardConfig::car_racing();
-    let epochs = config.epochs as u32;
-    let Ok(fitted) = fit_anew(model, config, seed, &labels, rows, |_| ControlFlow::Continue(()));
-    let Fitted { trainer, losses } = fitted.context("the fit was broken off")?;
-    let after = store.session().n_entries();
-    let fit = Fit { after, n_labels: labels.len(), seed, epochs, losses, held_out: None };
-    store.save_reward(&trainer.ensemble().parameters(), fit.clone())?;
-    Ok(fit)
 }
 
 /// The way from the folder `from` to the file `to`, where both lie below the same folder.

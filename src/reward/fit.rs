@@ -170,8 +170,7 @@ impl Trainer {
         mut on_epoch: impl FnMut(&EpochReport) -> ControlFlow<()>,
     ) -> ControlFlow<()> {
         self.begin_anew(rng);
-        let RewardConfig { updates, batch, .. } = self.ensemble.config;
-        let n_epochs = updates.div_ceil(self.pairs.len().div_ceil(batch).max(1));
+        let n_epochs = self.ensemble.config.epochs(self.pairs.len());
         for epoch in 1..=n_epochs {
             on_epoch(&EpochReport { epoch, n_epochs, losses: self.epoch(rng) })?;
         }

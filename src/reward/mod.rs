@@ -52,6 +52,11 @@ impl RewardConfig {
         Self::car_racing()
     }
 
+    /// How often a fit goes through `n_labels` labels.
+    pub fn epochs(&self, n_labels: usize) -> usize {
+        self.updates.div_ceil(n_labels.div_ceil(self.batch).max(1))
+    }
+
     /// A toy for tests.
     pub fn tiny() -> Self {
         Self { members: 2, hidden: 16, layers: 2, updates: 40, batch: 4, learning_rate: 1e-2 }

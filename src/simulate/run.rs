@@ -48,9 +48,9 @@ impl SimulateConfig {
         Self { protocols, justifications, n_queries: 500, n_dreams: 10, dream_steps: 1000, seed, annotator }
     }
 
-    /// The paper's 1000 queries over 60 dreams with chuckholes, and with `has_cars` other cars.
-    pub fn obstacle_car_racing(protocol: Protocol, has_cars: bool, seed: u64) -> Self {
-        let justifications = Justifications::obstacle_car_racing(has_cars);
+    /// The paper's 1000 queries over 60 dreams, with chuckholes and other cars.
+    pub fn obstacle_car_racing(protocol: Protocol, seed: u64) -> Self {
+        let justifications = Justifications::obstacle_car_racing(true);
         Self { justifications, n_queries: 1000, n_dreams: 60, ..Self::car_racing(protocol, seed) }
     }
 }

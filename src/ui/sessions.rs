@@ -51,7 +51,8 @@ impl App {
         };
         let path =
             world.path.as_ref().filter(|path| path.is_absolute()).map(|path| path.display().to_string());
-        let header = Header::new(&self.state.env, protocol, fresh_seed() >> 11, &self.state.world.hash, now());
+        let header =
+            Header::new(&self.state.env, protocol, fresh_seed() >> 11, &self.state.world.hash, now());
         let header = Header { world_model_path: path, ..header };
         match SessionStore::create_in(&self.sessions, header) {
             Ok(store) => {
