@@ -17,11 +17,6 @@ use crate::tensor::{dims, from_slice, to_vec};
 
 /// How many answers the recent figures look back on.
 pub const RECENT: usize = 50;
-/// Steps of Adam for each new answer, while more answers come in.
-///
-/// Some 340 answers then bring as many steps as two or three fits of 60 epochs over all of them.
-pub const WARM_STEPS: usize = 2;
-
 /// Two segments as the ensemble reads them, and which is better: the triple (σ⁰, σ¹, μ) of the paper.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SegmentPair {
@@ -175,17 +170,6 @@ impl Trainer {
             on_epoch(&EpochReport { epoch, n_epochs, losses: self.epoch(rng) })?;
         }
         ControlFlow::Continue(())
-    }
-
-    /// A few steps with what is known so far, for use while answers come in; returns the losses before the last.
-    pub fn warm(&mut self, rng: &mut impl Rng) -> Vec<f64> {
-        let n = self.pairs.len().min(self.ensemble.config.batch);
-        let mut losses = Vec::new();
-        for _ in 0..if n == 0 { 0 } else { WARM_STEPS } {
-            let orders = self.orders(rng);
-            losses = self.step(&orders.iter().map(|order| &order[..n]).collect::<Vec<_>>());
-        }
-        losses.into_iter().map(f64::from).collect()
     }
 
     /// Goes through all answers once, each member in an order of its own, and returns the losses before the steps.
@@ -378,7 +362,6 @@ mod tests {
     fn with_no_learning_rate_nothing_moves() {
         let mut trainer = trainer(RewardConfig { learning_rate: 0.0, ..RewardConfig::tiny() });
         let before = trainer.ensemble().parameters();
-        trainer.warm(&mut rng(1));
         trainer.epoch(&mut rng(2));
         assert_eq!(trainer.ensemble().parameters().bytes(), before.bytes());
     }
@@ -416,7 +399,7 @@ mod tests {
             label: surprising.label,
         });
         trainer.learn(&surprising);
-        (0..50).for_each(|_| drop(trainer.warm(&mut rng(0))));
+        (0..50).for_each(|_| drop(trainer.epoch(&mut rng(0))));
         let foretold = trainer.foretold[8].unwrap();
         assert!((foretold.p - p.p).abs() < 1e-2, "later steps do not change what was foretold");
         assert_eq!(trainer.overall().map(|figures| figures.n), Some(9));
@@ -484,7 +467,7 @@ mod tests {
         trainer.learn(&pair(SafetyAnswer::Both(Preference::Equal), 4));
         let apart = |trainer: &Trainer| (trainer.foretell(&trainer.pairs[0]).p - 0.5).abs();
         let before = apart(&trainer);
-        (0..20).for_each(|_| drop(trainer.warm(&mut rng(0))));
+        (0..20).for_each(|_| drop(trainer.epoch(&mut rng(0))));
         assert!(apart(&trainer) < before, "{} and {before}", apart(&trainer));
     }
 }

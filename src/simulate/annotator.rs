@@ -116,7 +116,7 @@ impl Annotator {
             beta: None,
             gamma: 1.0,
             eps_mistake: 0.0,
-            care: 0.4,
+            care: 0.1,
             eps_skip: Some(1.5),
             eps_equal: 0.3,
             eps_safety: 0.0,

@@ -296,7 +296,7 @@ pub enum Report {
 /// How well the reward fits.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Learning {
-    /// Epochs since the last fresh start.
+    /// Epochs of a full fit that are done, or the fits so far while answers come in.
     pub epoch: usize,
     /// Cross-entropy of each member.
     pub losses: Vec<f32>,

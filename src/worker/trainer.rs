@@ -21,10 +21,8 @@ use crate::world_model::WorldModel;
 const NAME: &str = "trainer";
 /// From so many answers on, something can be learned from them, and something be said about them.
 const MIN_LABELS: usize = 10;
-/// The most that is learned at one go, in calls of [`Trainer::warm`]: a session with many answers was just opened.
-const MAX_OWED: usize = 60;
-/// An answer was foretold by a reward that had learned the others, where no more than so much was owed.
-const UP_TO_DATE: usize = 2;
+/// Once one in so many answers is new, all are learned anew.
+const NEW_SHARE: usize = 10;
 /// Parameters are handed on no more often than this.
 const HAND_ON_EVERY: Duration = Duration::from_secs(1);
 
@@ -67,9 +65,9 @@ struct Learner<'a> {
     /// The answers of the trainer, in its order.
     order: Vec<QueryId>,
     rng: ChaCha8Rng,
-    /// Calls of [`Trainer::warm`] that new answers have earned.
-    owed: usize,
-    n_warm: usize,
+    /// Answers given, changed or taken back since the last fit.
+    n_new: usize,
+    n_fits: usize,
     /// When parameters were last handed on, and whether newer ones wait.
     handed_on: Option<Instant>,
     has_news: bool,
@@ -106,8 +104,8 @@ impl<'a> Learner<'a> {
             trainer: Trainer::new(ensemble),
             order: Vec::new(),
             rng,
-            owed: 0,
-            n_warm: 0,
+            n_new: 0,
+            n_fits: 0,
             handed_on: None,
             has_news: false,
         }
@@ -126,7 +124,8 @@ impl<'a> Learner<'a> {
     }
 
     fn is_behind(&self) -> bool {
-        self.owed > 0 && self.order.len() >= MIN_LABELS
+        let n = self.order.len();
+        n >= MIN_LABELS && self.n_new > 0 && self.n_new * NEW_SHARE >= n
     }
 
     fn hear(&mut self, command: TrainerCommand) {
@@ -144,7 +143,7 @@ impl<'a> Learner<'a> {
                     let idx = self.idx(id);
                     self.order.remove(idx);
                     self.trainer.forget(idx);
-                    self.owed = (self.owed + 1).min(MAX_OWED);
+                    self.n_new += 1;
                 }
             }
             TrainerCommand::Fit { .. } => unreachable!("a fit hears commands itself"),
@@ -158,7 +157,8 @@ impl<'a> Learner<'a> {
             None => {
                 let mut rows = |segment| self.dreams.rows(&self.model, segment);
                 let pair = SegmentPair { left: rows(query.left)?, right: rows(query.right)?, label };
-                if self.order.len() >= MIN_LABELS && self.owed <= UP_TO_DATE {
+                // Only a reward that has learned the others foretells anything.
+                if self.order.len() >= MIN_LABELS && !self.is_behind() {
                     self.trainer.learn(&pair);
                 } else {
                     self.trainer.take_up(&pair);
@@ -167,7 +167,7 @@ impl<'a> Learner<'a> {
             }
         }
         self.answers.insert(query.id, LabeledQuery { query, label });
-        self.owed = (self.owed + 1).min(MAX_OWED);
+        self.n_new += 1;
         Ok(())
     }
 
@@ -177,14 +177,20 @@ impl<'a> Learner<'a> {
         idx.expect("what counts is known to the trainer")
     }
 
-    /// A few steps, or handing on what they brought.
+    /// Learns all anew, or hands on what that brought.
+    ///
+    /// Steps added to an old fit for every answer would soon be more than drive well: see [`RewardConfig::updates`].
     fn go_on(&mut self) {
         if self.is_behind() {
-            let losses = self.trainer.warm(&mut self.rng);
-            self.owed -= 1;
-            self.n_warm += 1;
+            let mut losses = Vec::new();
+            let _ = self.trainer.fit(&mut self.rng, |report| {
+                losses.clone_from(&report.losses);
+                ControlFlow::Continue(())
+            });
+            self.n_new = 0;
+            self.n_fits += 1;
             self.has_news = true;
-            self.reports.send(learning(&self.trainer, self.n_warm, &losses, None));
+            self.reports.send(learning(&self.trainer, self.n_fits, &losses, None));
         }
         let is_time = self.handed_on.is_none_or(|handed_on| handed_on.elapsed() >= HAND_ON_EVERY);
         if self.has_news && is_time {
@@ -228,7 +234,7 @@ impl<'a> Learner<'a> {
         match fit_anew(model, config.clone(), seed, &labels, rows, on_epoch) {
             Ok(Some(Fitted { trainer, losses })) => {
                 self.trainer.adopt(trainer);
-                (self.owed, self.n_warm) = (0, 0);
+                (self.n_new, self.n_fits) = (0, 0);
                 self.hand_on(Some((seed, losses)));
             }
             Ok(None) => {}
@@ -320,7 +326,7 @@ mod tests {
     }
 
     #[test]
-    fn enough_answers_warm_the_reward_and_hand_it_on() {
+    fn enough_answers_teach_the_reward_and_hand_it_on() {
         let (reports, inbox) = Reports::new(|| ());
         let trainer = spawn(toy::model().parameters().clone(), RewardConfig::tiny(), &reports);
         for id in 0..2 {
