@@ -12,18 +12,21 @@ use super::pilot::{PilotStyle, ScriptedPilot};
 use super::probe::{GAP, Probe, Sight};
 use crate::dream::{DreamEpisode, TEMPERATURE};
 use crate::env::{Action, Frame};
+use crate::planner::{PlannerConfig, candidates};
 use crate::tensor::{dims, to_vec};
 use crate::world_model::{LatentState, Memory, Next, Noise, State, WorldModel, actions_tensor};
 
 /// Steps from one look to the next; a person does not look more often than 25 times a second.
 const LOOK_STEPS: usize = 2;
+/// How often a player tries what the planner might, in the steps in which it does not already: once in so many.
+const STEPS_BETWEEN_TRIES: f64 = 50.0;
 /// How much of a new look replaces what was seen before: dreams tremble.
 const TRUST: f32 = 0.6;
 
 /// A pilot who explores freely: wilder than those who record, and more often with the planner's actions.
 pub fn explorer(rng: &mut impl Rng) -> ScriptedPilot {
     ScriptedPilot::new(PilotStyle {
-        excursions: rng.random_range(0.18..0.38),
+        excursions: rng.random_range(0.1..0.3),
         pauses: rng.random_range(0.02..0.08),
         keys: 0.25,
         menu: 0.5,
@@ -38,6 +41,8 @@ pub struct DreamPlayer {
     pilot: ScriptedPilot,
     rng: ChaCha8Rng,
     seen: Option<Sight>,
+    /// What is left of a try, the next action last.
+    tried: Vec<Action>,
 }
 
 impl DreamPlayer {
@@ -45,7 +50,7 @@ impl DreamPlayer {
     pub fn new(seed: u64) -> Self {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         rng.set_stream(1);
-        Self { pilot: explorer(&mut rng), rng, seen: None }
+        Self { pilot: explorer(&mut rng), rng, seen: None, tried: Vec::new() }
     }
 
     /// Takes in what a new picture shows.
@@ -54,9 +59,18 @@ impl DreamPlayer {
     }
 
     /// The action of this step; none before anything was seen.
+    ///
+    /// Now and then it is one of the planner's courses of action, whatever comes of it: the reward will be asked about
+    /// them all, so the dreams had better show where they lead.
     pub fn act(&mut self) -> Action {
         let Some(seen) = self.seen else { return Action::default() };
-        self.pilot.act(&seen.as_truth(), &mut self.rng)
+        if self.tried.is_empty() && self.rng.random_bool(1.0 / STEPS_BETWEEN_TRIES) {
+            let mut all = candidates(&PlannerConfig::car_racing(), &mut self.rng);
+            self.tried = all.swap_remove(self.rng.random_range(0..all.len()));
+            self.tried.reverse();
+        }
+        let pilot = &mut self.pilot;
+        self.tried.pop().unwrap_or_else(|| pilot.act(&seen.as_truth(), &mut self.rng))
     }
 }
 

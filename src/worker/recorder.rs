@@ -274,6 +274,7 @@ mod tests {
             frame: Wall::new(5).frame(),
             action: Action::default(),
             reward: 0.0,
+            contacts: None,
             grass: false,
             wall_time_ns: 0,
         };
