@@ -49,13 +49,18 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
             );
             continue;
         }
-        println!("{figure}: Kruskal–Wallis H({}) = {:.3}, p = {:.4}", test.df, test.h, test.p);
+        println!("{figure}: Kruskal–Wallis H({}) = {:.3}, p {}", test.df, test.h, rounded(test.p));
         for pair in pairs {
             let (one, other) = (&names[pair.pair.0], &names[pair.pair.1]);
-            println!("  {one} – {other}: Dunn z = {:+.3}, p = {:.4}", pair.z, pair.p);
+            println!("  {one} – {other}: Dunn z = {:+.3}, p {}", pair.z, rounded(pair.p));
         }
     }
     Ok(())
+}
+
+/// A probability to four digits, and never nothing.
+fn rounded(p: f64) -> String {
+    if p < 1e-4 { "< 0.0001".to_owned() } else { format!("= {p:.4}") }
 }
 
 /// The episodes in the lines that `deploy --json` printed; the line of their summary is passed over.

@@ -14,7 +14,7 @@ use dropj::session::SessionStore;
 use rand::SeedableRng as _;
 use rand_chacha::ChaCha8Rng;
 
-use super::{EnvName, Switch, models};
+use super::{EnvName, Switch, models, names};
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct Options {
@@ -115,8 +115,8 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
     if options.json {
         println!("{}", serde_json::json!({"summary": summary}));
     } else {
-        let name = kept.as_ref().map_or("baseline", |(header, _)| header.protocol.name());
-        println!("{}", table(&[(name, summary)]));
+        let name = kept.map_or_else(|| "baseline".to_owned(), |(session, _)| names(&session.protocols()));
+        println!("{}", table(&[(&name, summary)]));
     }
     Ok(())
 }

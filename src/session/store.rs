@@ -168,12 +168,12 @@ impl SessionStore {
         world_model(dir, &Header::read(dir)?)
     }
 
-    /// The head of the session in `dir` and the reward that was learned last, without opening it for writing.
-    pub fn read_reward(dir: &Path) -> Result<(Header, Option<Parameters>), SessionError> {
+    /// The state of the session in `dir` and the reward that was learned last, without opening it for writing.
+    pub fn read_reward(dir: &Path) -> Result<(Session, Option<Parameters>), SessionError> {
         let reading = read(dir, None)?;
         let last = reading.session.fits().last();
         let reward = last.map(|fitted| read_parameters(dir, fitted)).transpose()?;
-        Ok((reading.header, reward.map(|(_, parameters)| parameters)))
+        Ok((reading.session, reward.map(|(_, parameters)| parameters)))
     }
 
     /// Writes the answers that count as a table to `path`.

@@ -78,5 +78,5 @@ fn recordings_that_a_killed_program_left_behind_are_offered() {
     assert!(matches!(&orders[..], [Order::Recorder(RecorderCommand::Recover(_))]), "{orders:?}");
     backstage.report(Report::Recorded { episode: 4, n_steps: 90 });
     harness.run_steps(2);
-    harness.get_by_label("Episode 4");
+    harness.get_by_label("Episode 4 is on disk: 90 steps");
 }

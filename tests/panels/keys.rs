@@ -9,7 +9,8 @@ use super::*;
 
 fn open_keys(harness: &mut Harness<'_, App>) {
     harness.get_by_label("Keys and help").click();
-    harness.run_steps(3);
+    // A dialog finds its size in its first pictures.
+    harness.run_steps(10);
 }
 
 fn click(harness: &mut Harness<'_, App>, label: &str) {

@@ -572,7 +572,7 @@ fn panels_look_as_they_did() {
         results.add(harness.try_snapshot(name));
     }
     harness.get_by_label("Keys and help").click();
-    harness.run_steps(3);
+    harness.run_steps(10);
     harness.get_by_label("flag: F").click();
     harness.run_steps(2);
     press(&mut harness, Key::S);

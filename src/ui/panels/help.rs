@@ -122,7 +122,8 @@ fn told_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
 fn keys_ui(ui: &mut Ui, state: &State, heading: &str, rows: Rows, commands: &mut Vec<Command>) {
     let tokens = Tokens::of(ui);
     ui.label(RichText::new(heading).strong().color(tokens.text));
-    Grid::new(heading).num_columns(2).spacing([16.0, 8.0]).show(ui, |ui| {
+    Grid::new(heading).num_columns(2).spacing([16.0, 8.0]).min_row_height(20.0).show(ui, |ui| {
+        ui.spacing_mut().interact_size.y = 20.0;
         for (deeds, what) in rows {
             ui.horizontal(|ui| {
                 ui.spacing_mut().item_spacing.x = 4.0;
