@@ -17,6 +17,7 @@
 //! | [`env`](mod@env) | physics, tracks, drawing, reward events | knows no tensor; a seed and the actions decide everything |
 //! | [`tensor`] | rank checks, initialization, conversions | the only place that copies between Rust memory and torch |
 //! | [`dataset`] | real episodes on disk: journal, sealed files, streaming reads | memory stays flat however many episodes |
+//! | [`run`] | the folder of a long job | a checkpoint is whole or absent |
 //! | [`world_model`] | VAE, MDN-RNN, their fitting | knows no window or clock; the only place that knows the order `[z \| c \| h]` |
 //! | [`query`] | segments, what can be asked and answered, labels | plain data: no tensor |
 //! | [`dream`] | stepping the model as an environment | holds no randomness of its own: noise comes from the caller |
@@ -24,7 +25,7 @@
 //! | [`planner`] | candidates, imagined returns, the choice | a pure function of state, models and generator |
 //! | [`simulate`] | stand-ins for people: pilot, probe, annotator | once it labels it sees frames, never the simulator |
 //! | [`evaluation`] | episodes in the real world, metrics | takes a policy, returns numbers; same tracks for every method |
-//! | [`session`] | events, their log, replay; arrays and weights on disk | with [`dataset`] the only module that touches files; a session *is* its log |
+//! | [`session`] | events, their log, replay; arrays and weights on disk | with [`dataset`] and [`run`] the only modules that touch files; a session *is* its log |
 //! | [`worker`] | threads | the only module that starts one; a worker owns its models and shares nothing |
 //! | [`ui`] | egui, input devices, pictures | decides nothing: draws state, returns commands |
 //!

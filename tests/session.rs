@@ -120,7 +120,7 @@ fn a_reward_that_is_learned_again_has_the_losses_of_the_log() {
     let (after, seed) = (store.session().n_entries(), 5);
     let rng = &mut ChaCha8Rng::seed_from_u64(seed);
     let (n_features, config) = (model.config().n_features(), RewardConfig::tiny());
-    let epochs = config.epochs as u32;
+    let epochs = config.epochs(store.session().labeled().len()) as u32;
     let mut trainer = Trainer::new(RewardEnsemble::new(n_features, &model.hash(), config, rng));
     let labeled = store.session().labeled();
     for LabeledQuery { query, label } in &labeled {

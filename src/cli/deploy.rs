@@ -10,7 +10,7 @@ use dropj::evaluation::{
 };
 use dropj::planner::{Agent, PlannerConfig};
 use dropj::reward::{RewardConfig, RewardEnsemble};
-use dropj::session::SessionStore;
+use dropj::session::{Header, SessionStore};
 use rand::SeedableRng as _;
 use rand_chacha::ChaCha8Rng;
 
@@ -27,9 +27,9 @@ pub(crate) struct Options {
     /// Drive straight on without looking, for scale
     #[arg(long, conflicts_with_all = ["session", "random_reward"])]
     straight_on: bool,
-    /// The world to drive in
-    #[arg(long, value_enum, default_value = "car-racing")]
-    env: EnvName,
+    /// The world to drive in [default: the session's, or car-racing]
+    #[arg(long, value_enum)]
+    env: Option<EnvName>,
     /// The driving aids of the paper's evaluation, where there are obstacles
     #[arg(long, value_enum, default_value = "on")]
     aids: Switch,
@@ -55,11 +55,14 @@ pub(crate) struct Options {
 
 pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
     tch::set_num_threads(1);
+    let header = options.session.as_deref().map(Header::read).transpose()?;
+    let own = header.map(|header| EnvName::named(&header.env)).transpose()?;
+    let env = options.env.or(own).unwrap_or(EnvName::CarRacing);
     let kept = options.session.as_deref().map(SessionStore::read_reward).transpose()?;
     let model = match (&options.world, &options.session) {
         (Some(path), _) => models::world_model(path)?,
         (None, Some(dir)) => SessionStore::read_world_model(dir)?,
-        (None, None) => models::world_model(&models::world_model_asset(options.env))?,
+        (None, None) => models::world_model(&models::world_model_asset(env))?,
     };
     let reward = if let Some((_, reward)) = &kept {
         let dir = options.session.as_deref().unwrap_or(Path::new(""));
@@ -73,7 +76,7 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
     let reward = reward.frozen();
 
     let memory_reset = (options.memory_reset > 0).then_some(options.memory_reset);
-    let config = PlannerConfig { memory_reset, ..options.env.planner() };
+    let config = PlannerConfig { memory_reset, ..env.planner() };
     let tracks = TracksAlike { seed: options.seed };
     let mut episodes = Vec::new();
     let mut steps =
@@ -81,7 +84,7 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
             .to_owned();
     for i in 0..options.episodes {
         let seed = tracks.track(i);
-        let mut env = options.env.open(options.aids.aids());
+        let mut env = env.open(options.aids.aids());
         let agent = Agent::new(config.clone(), options.seed.wrapping_add(i));
         let mut planning = PlanningPolicy::new(&model, &reward, agent);
         let policy: &mut dyn Policy = if options.straight_on { &mut StraightOn } else { &mut planning };

@@ -143,6 +143,9 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
         annotator: options.knobs.annotator(),
         ..papers
     };
+    for p in [config.annotator.eps_mistake, config.annotator.eps_safety] {
+        anyhow::ensure!((0.0..=1.0).contains(&p), "a probability lies between 0 and 1, not {p}");
+    }
     anyhow::ensure!(
         !model.starts().is_empty(),
         "the world model {world:?} has no states to start dreams from"

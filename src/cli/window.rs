@@ -35,7 +35,8 @@ pub(crate) fn run(options: Options) -> anyhow::Result<()> {
     let session = options.session.as_deref().map(|dir| SessionStore::open(dir, None)).transpose()?;
     let asked = session.as_ref().and_then(|session| EnvName::from_str(&session.header().env, false).ok());
     let env = options.env.or(asked).unwrap_or(EnvName::CarRacing);
-    let world = options.world.unwrap_or_else(|| models::world_model_asset(env));
+    let own = session.as_ref().and_then(SessionStore::world_model_path);
+    let world = options.world.or(own).unwrap_or_else(|| models::world_model_asset(env));
     let plans = Plans {
         env: Box::new(move |aids| env.open(aids)),
         env_name: env.name().to_owned(),

@@ -209,8 +209,11 @@ impl Trainer {
         Figures::of(&held_out.iter().map(|pair| rest.foretell(pair)).collect::<Vec<_>>())
     }
 
+    /// A fresh ensemble that thinks nothing of any state yet.
     fn begin_anew(&mut self, rng: &mut impl Rng) {
         self.ensemble = self.ensemble.fresh(rng);
+        // DIFFERENCE: the authors begin with outputs as drawn: likes and dislikes by chance, which a short fit keeps.
+        self.ensemble.silence();
         self.adam = adam(&self.ensemble);
     }
 

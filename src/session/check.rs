@@ -104,7 +104,7 @@ impl Session {
 /// Whether labels made with `weights` lie in `[0, 1]` on the side that was meant.
 pub(crate) fn check_weights(weights: &Weights) -> Result<(), Impossible> {
     for (name, weight) in [("safety", weights.safety), ("default", weights.default)] {
-        if !(0.5..=1.0).contains(&weight) {
+        if !(weight > 0.5 && weight <= 1.0) {
             return Err(Impossible::Weight { name, weight });
         }
     }

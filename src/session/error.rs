@@ -78,7 +78,7 @@ pub enum Impossible {
     #[error("no answer to query {} was taken back", .0.0)]
     NotRetracted(QueryId),
     /// A weight is out of range.
-    #[error("the weight {name:?} must lie between 0.5 and 1, but is {weight}")]
+    #[error("the weight {name:?} must be above 0.5 and at most 1, but is {weight}")]
     Weight {
         /// Which one.
         name: &'static str,

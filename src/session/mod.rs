@@ -1,6 +1,6 @@
 //! What a person did, kept such that nothing is lost: events, their log, and the arrays and weights beside it.
 //!
-//! With `dataset` the only module that touches files; starts no thread.
+//! With `dataset` and `run` the only module that touches files; starts no thread.
 //! A session *is* its log: a [`Session`] is what folding the log gives, live and in a replay alike.
 //!
 //! ```text

@@ -168,6 +168,11 @@ impl SessionStore {
         world_model(dir, &Header::read(dir)?)
     }
 
+    /// Where the world model is, if it still is where the session says.
+    pub fn world_model_path(&self) -> Option<PathBuf> {
+        world_model_path(&self.dir, &self.header)
+    }
+
     /// The state of the session in `dir` and the reward that was learned last, without opening it for writing.
     pub fn read_reward(dir: &Path) -> Result<(Session, Option<Parameters>), SessionError> {
         let reading = read(dir, None)?;
@@ -272,15 +277,18 @@ pub(super) fn read_parameters(
 }
 
 fn world_model(dir: &Path, header: &Header) -> Result<WorldModel, SessionError> {
-    let hinted = header.world_model_path.as_ref().map(|hint| dir.join(hint));
-    let path = [Some(dir.join(WORLD_MODEL_FILE)), hinted].into_iter().flatten().find(|path| path.exists());
-    let Some(path) = path else {
+    let Some(path) = world_model_path(dir, header) else {
         return Err(SessionError::NoWorldModel { hash: header.world_model.clone(), path: dir.to_owned() });
     };
     let bytes = std::fs::read(&path).map_err(SessionError::disk("read the world model", &path))?;
     let parameters = parameters(bytes, &path)?;
     check_world_model(&path, header, Some(&parameters.hash()))?;
     WorldModel::load(parameters).map_err(|met| SessionError::WorldModel { met, path })
+}
+
+fn world_model_path(dir: &Path, header: &Header) -> Option<PathBuf> {
+    let hinted = header.world_model_path.as_ref().map(|hint| dir.join(hint));
+    [Some(dir.join(WORLD_MODEL_FILE)), hinted].into_iter().flatten().find(|path| path.exists())
 }
 
 fn parameters(bytes: Vec<u8>, path: &Path) -> Result<Parameters, SessionError> {

@@ -205,7 +205,7 @@ impl App {
 
     fn start_dream(&mut self, seed: u64) {
         if self.state.store.is_none() {
-            self.new_session(Protocol::Dropj);
+            self.new_session(Protocol::of_env(&self.state.env));
         }
         let idx = self.state.dream.start_idx;
         let start = self.state.world.loaded.as_ref().and_then(|world| world.starts.get(idx));

@@ -9,7 +9,7 @@ use crate::query::{Preference, Protocol, QueryId, Response, SEGMENT_LEN, SafetyA
 use crate::session::{DreamJournal, DreamSource, Fit};
 use crate::tensor::Parameters;
 use crate::ui::App;
-use crate::ui::command::{Command, Panel};
+use crate::ui::command::{Command, Field, Panel};
 use crate::ui::crew::Order;
 use crate::ui::input::{PadButton, PadEvent};
 use crate::ui::state::{Dreaming, LoadedWorld, Pair, State, World};
@@ -82,6 +82,9 @@ impl App {
     fn hear(&mut self, ctx: &Context, report: Report) {
         match report {
             Report::Dreamt { episode, journal } => self.dreamt(episode, journal),
+            // Drawn for the session before this one: nobody asks for them any more.
+            Report::Clips { query, .. }
+                if self.state.session().and_then(|s| s.query(query.id)).is_none_or(|a| a.query != query) => {}
             Report::Clips { query, left, right } => {
                 let put = |frames: &[crate::env::Frame]| {
                     frames.iter().map(|frame| clip::texture(ctx, "clip", frame)).collect()
@@ -95,10 +98,12 @@ impl App {
             Report::Drove { seed, metrics } => {
                 self.state.deploy.is_on = false;
                 self.state.deploy.episodes.push((seed, metrics));
+                self.next_track(Field::DeploySeed);
             }
             Report::Recorded { episode, n_steps } => {
                 self.state.record.is_on = false;
                 self.state.record.kept.push((episode, n_steps));
+                self.next_track(Field::RecordSeed);
                 self.done(format!("episode {episode} is on disk: {n_steps} steps"));
             }
             Report::Unfinished(n) => self.offer_recordings(n),
@@ -116,9 +121,18 @@ impl App {
         }
     }
 
+    /// Another track each time, unless somebody writes which.
+    fn next_track(&mut self, field: Field) {
+        if let Ok(seed) = self.state.field(field).trim().parse::<u64>() {
+            self.state.fields.insert(field, seed.wrapping_add(1).to_string());
+        }
+    }
+
     fn dreamt(&mut self, episode: DreamEpisode, journal: Option<DreamJournal>) {
-        self.state.dream.is_on = false;
-        self.state.dream.is_ending = false;
+        // One that was kept and followed by another at once arrives after that has begun.
+        if episode.seed == self.state.dream.seed {
+            (self.state.dream.is_on, self.state.dream.is_ending) = (false, false);
+        }
         if !episode.is_usable() {
             let n = episode.len();
             self.warn(format!("the dream had {n} steps and was not kept: a segment needs {SEGMENT_LEN}"));

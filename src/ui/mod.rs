@@ -128,7 +128,7 @@ impl App {
         let parameters = startup.world.as_ref().ok().map(|world| &world.parameters);
         let crew = (startup.hire)(&reports, parameters);
         let mut app = Self {
-            state: State { adapter, ..State::default() },
+            state: State { adapter, env: startup.env, ..State::default() },
             slots: crew.slots(),
             crew,
             inbox,
@@ -166,8 +166,14 @@ impl App {
                 self.fail(sentence);
             }
         }
-        if let Some(store) = session {
-            self.adopt(store);
+        match session {
+            Some(store) if !self.state.world.is_of(store.header()) => {
+                self.fail(
+                    "this session was dreamed with another world model: load that one first".to_owned(),
+                );
+            }
+            Some(store) => self.adopt(store),
+            None => {}
         }
     }
 

@@ -49,8 +49,8 @@ impl App {
             self.fail("a session needs a world model: load one first".to_owned());
             return;
         };
-        let path =
-            world.path.as_ref().filter(|path| path.is_absolute()).map(|path| path.display().to_string());
+        let path = world.path.as_ref().and_then(|path| std::path::absolute(path).ok());
+        let path = path.map(|path| path.display().to_string());
         let header =
             Header::new(&self.state.env, protocol, fresh_seed() >> 11, &self.state.world.hash, now());
         let header = Header { world_model_path: path, ..header };

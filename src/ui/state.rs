@@ -121,6 +121,13 @@ pub(crate) struct World {
     pub fitted: Option<PathBuf>,
 }
 
+impl World {
+    /// Whether the session with this head was dreamed with it; of none, nothing is known.
+    pub(crate) fn is_of(&self, header: &Header) -> bool {
+        self.loaded.is_none() || self.hash == header.world_model
+    }
+}
+
 /// A fit that is under way.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct FitState {

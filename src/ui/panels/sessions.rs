@@ -50,7 +50,7 @@ fn new_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
         (Protocol::DropjMulti, "What matters most, and left, equal or right"),
     ] {
         ui.horizontal(|ui| {
-            let tone = if protocol == Protocol::Dropj { Tone::Primary } else { Tone::Plain };
+            let tone = if protocol == Protocol::of_env(&state.env) { Tone::Primary } else { Tone::Plain };
             let button = KeyButton::new(protocol.name()).tone(tone).enabled(has_world);
             if button.width(160.0).is_pressed(ui) {
                 commands.push(Command::NewSession(protocol));
