@@ -32,6 +32,9 @@ pub(crate) struct Options {
     /// Threads for the arithmetic
     #[arg(long, default_value_t = 2)]
     threads: i32,
+    /// How many times more the bluest and yellowest pixels count for vision; the preset's if not given
+    #[arg(long)]
+    emphasis: Option<f64>,
     /// The most epochs for vision
     #[arg(long)]
     vae_epochs: Option<usize>,
@@ -65,7 +68,8 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
     let dataset = Dataset::open(&options.data)?;
     let env = dataset.env().unwrap_or_default();
     let suited = if env == EnvName::CarRacing.name() { Preset::CarRacing } else { Preset::ObstacleCompact };
-    let config = WorldModelConfig { env: env.to_owned(), ..options.preset.unwrap_or(suited).config() };
+    let mut config = WorldModelConfig { env: env.to_owned(), ..options.preset.unwrap_or(suited).config() };
+    config.vae.emphasis = options.emphasis.unwrap_or(config.vae.emphasis);
     anyhow::ensure!(
         dataset.side().map(i64::from) == Some(config.vae.side),
         "these networks see frames of {0} x {0} pixels, and those of the recordings are others; \

@@ -241,6 +241,9 @@ struct Standing {
     learning_rate: f64,
     best: f64,
     n_stale: usize,
+    /// [`VaeConfig::emphasis`](crate::world_model::VaeConfig::emphasis): scores under another do not compare.
+    #[serde(default)]
+    emphasis: f64,
 }
 
 impl Course<'_> {
@@ -249,11 +252,16 @@ impl Course<'_> {
         let Some(saved) = run.load(&format!("{}-last", self.name))? else { return Ok(()) };
         saved.load("net", &self.store)?;
         let restored = self.adam.restore(|name| saved.tensor(&format!("adam.{name}")));
-        let standing = saved.metadata("standing").and_then(|text| serde_json::from_str(&text).ok());
+        let standing: Option<Standing> =
+            saved.metadata("standing").and_then(|text| serde_json::from_str(&text).ok());
         let (Some(()), Some(standing)) = (restored, standing) else {
             return Err(ParametersError::Missing("adam".to_owned()).into());
         };
-        self.standing = standing;
+        self.standing = if standing.emphasis == self.standing.emphasis {
+            standing
+        } else {
+            Standing { epoch: standing.epoch, ..self.standing }
+        };
         Ok(())
     }
 
@@ -339,10 +347,11 @@ fn course<'a>(
     schedule: &'a Schedule,
     store: nn::VarStore,
     rng: ChaCha8Rng,
+    emphasis: f64,
 ) -> Course<'a> {
     let adam = Adam::new(&store);
-    let standing =
-        Standing { epoch: 0, learning_rate: schedule.learning_rate, best: f64::INFINITY, n_stale: 0 };
+    let learning_rate = schedule.learning_rate;
+    let standing = Standing { epoch: 0, learning_rate, best: f64::INFINITY, n_stale: 0, emphasis };
     Course { stage, name, schedule, store, adam, rng, standing }
 }
 
@@ -373,7 +382,8 @@ fn fit_vae(
         }
         Ok(sum / held_out.len() as f64)
     };
-    course(Stage::Vae, "vae", &fit.vae, store, rng).run(run, None, update, score, report)
+    let emphasis = config.vae.emphasis;
+    course(Stage::Vae, "vae", &fit.vae, store, rng, emphasis).run(run, None, update, score, report)
 }
 
 /// Two thousand frames of held-out episodes, evenly spread: enough to tell epochs apart.
@@ -530,7 +540,7 @@ fn fit_mdn_rnn(
         Ok(sum / batches.len() as f64)
     };
     // Gradients are clipped entry by entry to ±1 (method §4.4).
-    course(Stage::MdnRnn, "mdn_rnn", &fit.mdn_rnn, store, rng).run(run, Some(1.0), update, score, report)
+    course(Stage::MdnRnn, "mdn_rnn", &fit.mdn_rnn, store, rng, 0.0).run(run, Some(1.0), update, score, report)
 }
 
 /// Stretches of episodes, padded with zeros to the same length.
