@@ -15,7 +15,7 @@ setup: ## Install the missing system packages (with apt) and libtorch (into .lib
 	@.ci/setup-system
 	@.ci/setup-libtorch
 
-bench: setup ## Measure what a user feels: a plan, a dreamed step, a drawn frame
+bench: setup ## Measure what a user feels: a plan, a dreamed step, the simulator
 	cargo bench --locked --profile dev --bench '*'
 
 .PHONY: help run test setup bench

@@ -66,6 +66,9 @@ impl Preset {
 pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
     tch::set_num_threads(options.threads);
     let dataset = Dataset::open(&options.data)?;
+    for damaged in dataset.damaged() {
+        eprintln!("left out: {damaged}");
+    }
     let env = dataset.env().unwrap_or_default();
     let suited = if env == EnvName::CarRacing.name() { Preset::CarRacing } else { Preset::ObstacleCompact };
     let mut config = WorldModelConfig { env: env.to_owned(), ..options.preset.unwrap_or(suited).config() };

@@ -19,7 +19,6 @@ use clap::{Parser, Subcommand, ValueEnum};
 use dropj::env::{Aids, CarRacing, Env, ObstacleCarRacing, Obstacles, Seed};
 use dropj::planner::PlannerConfig;
 use dropj::query::Protocol;
-use dropj::reward::RewardConfig;
 use dropj::world_model::WorldModelConfig;
 
 /// Safe reward learning from a person who drives in a dream and says what they prefer, and why.
@@ -101,15 +100,6 @@ impl EnvName {
             Self::CarRacing => WorldModelConfig::car_racing(),
             Self::ObstacleCarRacing | Self::ObstacleCarRacingChuckholes => {
                 WorldModelConfig::obstacle_compact()
-            }
-        }
-    }
-
-    fn reward(self) -> RewardConfig {
-        match self {
-            Self::CarRacing => RewardConfig::car_racing(),
-            Self::ObstacleCarRacing | Self::ObstacleCarRacingChuckholes => {
-                RewardConfig::obstacle_car_racing()
             }
         }
     }

@@ -12,7 +12,6 @@ use dropj::reward::{Fitted, RewardConfig, fit_anew, segment_rows};
 use dropj::session::{Event, Fit, SessionStore};
 use dropj::world_model::WorldModel;
 
-use super::EnvName;
 use super::simulate::parse_weight;
 
 #[derive(Debug, clap::Args)]
@@ -59,8 +58,8 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
     if weights != now {
         store.record(Event::WeightsChanged { weights })?;
     }
-    let config = EnvName::named(&store.header().env)?.reward();
-    let config = RewardConfig { updates: options.updates.unwrap_or(config.updates), ..config };
+    let papers = RewardConfig::car_racing();
+    let config = RewardConfig { updates: options.updates.unwrap_or(papers.updates), ..papers };
     let started = Instant::now();
     let fit = fit_reward(&mut store, &model, config, options.seed)?;
     println!("{} labels, losses {:.4?}, {:.1} s", fit.n_labels, fit.losses, started.elapsed().as_secs_f64());

@@ -6,6 +6,7 @@ use std::time::Instant;
 
 use anyhow::Context as _;
 use dropj::query::{Justifications, Protocol, Query};
+use dropj::reward::RewardConfig;
 use dropj::session::{Answer, Choice, DreamSource, Event, Header, SessionStore, now};
 use dropj::simulate::annotator::Annotator;
 use dropj::simulate::run::{Answered, Progress, SimulateConfig, simulate};
@@ -172,7 +173,7 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
         let is_undone = (i + 1) * options.undo / n > i * options.undo / n;
         record(&mut store, answered, is_undone)?;
     }
-    let fit = fit_reward(&mut store, &model, env.reward(), options.seed)?;
+    let fit = fit_reward(&mut store, &model, RewardConfig::car_racing(), options.seed)?;
     println!(
         "{}: {} dreams, {} queries, {} labels; {:.0} % of the clips unsafe; losses {:.4?}; {:.0} s; {:?}",
         names(&store.session().protocols()),

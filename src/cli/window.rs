@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use clap::ValueEnum as _;
+use dropj::reward::RewardConfig;
 use dropj::session::SessionStore;
 use dropj::tensor::from_slice;
 use dropj::ui::{self, DreamStart, LoadedWorld, Plans, Startup, Threads, system_pads};
@@ -42,7 +43,7 @@ pub(crate) fn run(options: Options) -> anyhow::Result<()> {
         env_name: env.name().to_owned(),
         world: env.world(),
         fit: FitConfig::car_racing(),
-        reward: env.reward(),
+        reward: RewardConfig::car_racing(),
         planner: env.planner(),
     };
     let shipped = models::world_model_asset(env);

@@ -47,11 +47,6 @@ impl RewardConfig {
         Self { members: 3, hidden: 256, layers: 3, updates: 56, batch: 128, learning_rate: 3e-4 }
     }
 
-    /// The paper's ensemble for Obstacle Car Racing, where the authors' code goes through all labels 40 times.
-    pub fn obstacle_car_racing() -> Self {
-        Self::car_racing()
-    }
-
     /// How often a fit goes through `n_labels` labels.
     pub fn epochs(&self, n_labels: usize) -> usize {
         self.updates.div_ceil(n_labels.div_ceil(self.batch).max(1))

@@ -170,12 +170,14 @@ impl App {
     pub(super) fn ask(&mut self) {
         let Some(store) = &self.state.store else { return };
         let session = store.session();
-        let missing = N_AHEAD.saturating_sub(session.pending().count());
+        let missing = N_AHEAD.saturating_sub(self.state.upcoming().len());
         if missing > 0 && self.state.now >= self.state.label.ask_again_at {
             let first = session.next_query_id();
             let mut rng = ChaCha8Rng::seed_from_u64(store.header().seed);
             rng.set_stream(u64::from(first.0));
-            for query in sample_queries(&session.dream_lens(), missing, first, &mut rng) {
+            let mut dreams = session.dream_lens();
+            dreams.retain(|(id, _)| !self.state.label.unreadable.contains(id));
+            for query in sample_queries(&dreams, missing, first, &mut rng) {
                 let (left, right) = (query.left, query.right);
                 let is_written =
                     self.record(Event::Asked { query: query.id, left, right, choice: Choice::Uniform });

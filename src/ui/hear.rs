@@ -39,6 +39,7 @@ impl World {
 impl App {
     pub(super) fn hear_hands(&mut self, ctx: &Context) {
         let mut commands = Vec::new();
+        let is_covered = self.state.help_open || self.state.sessions_open || ctx.text_edit_focused();
         for event in self.input.poll() {
             match event {
                 PadEvent::Connected(name) => {
@@ -55,10 +56,10 @@ impl App {
                     self.warn(text);
                 }
                 PadEvent::Moved(pad) => self.hands.hold(pad),
+                PadEvent::Pressed(_) if is_covered => {}
                 PadEvent::Pressed(button) => commands.extend(pad_command(&self.state, button)),
             }
         }
-        let is_covered = self.state.help_open || self.state.sessions_open || ctx.text_edit_focused();
         let is_driving = self.state.is_driving() && !is_covered;
         let keys = &self.state.keys;
         ctx.input(|input| self.hands.hear(&input.events, keys, input.focused, is_driving));
@@ -139,6 +140,10 @@ impl App {
             journal.map(DreamJournal::discard);
             return;
         }
+        self.keep_dream(episode, journal);
+    }
+
+    pub(super) fn keep_dream(&mut self, episode: DreamEpisode, journal: Option<DreamJournal>) {
         let Some(store) = &mut self.state.store else {
             self.fail("the dream could not be kept, for there is no session to keep it in".to_owned());
             return;
@@ -152,8 +157,8 @@ impl App {
                     log::warn!("{e}");
                 }
             }
-            // The journal stays where it is, and with it the dream.
             Err(e) => {
+                self.state.dream.unsaved = Some((episode, journal));
                 let text = format!("the dream is not lost but could not be kept yet: {e}");
                 self.fail_with(text, vec![("Try again".to_owned(), Command::RecoverDreams)]);
             }

@@ -45,6 +45,9 @@ impl App {
     }
 
     pub(super) fn new_session(&mut self, protocol: Protocol) {
+        if self.state.dream.is_on {
+            return self.warn("end the dream first: keep it, or leave it".to_owned());
+        }
         let Some(world) = &self.state.world.loaded else {
             self.fail("a session needs a world model: load one first".to_owned());
             return;
@@ -67,6 +70,9 @@ impl App {
     }
 
     pub(super) fn open_session(&mut self, dir: &Path) {
+        if self.state.dream.is_on {
+            return self.warn("end the dream first: keep it, or leave it".to_owned());
+        }
         if self.state.store.as_ref().is_some_and(|store| store.dir() == dir) {
             self.state.sessions_open = false;
             return;
@@ -95,6 +101,7 @@ impl App {
     pub(super) fn adopt(&mut self, store: SessionStore) {
         self.end_dream();
         self.crew.forget();
+        self.state.deploy.is_on = false;
         (self.state.label, self.state.reward) = (self.state.label.anew(), Rewarding::default());
         if let Some(torn) = store.torn() {
             self.warn(format!(
@@ -104,7 +111,10 @@ impl App {
         for (id, _) in store.session().dream_lens() {
             match store.dream(id) {
                 Ok(episode) => self.teach_dream(id, episode),
-                Err(e) => self.fail(e.to_string()),
+                Err(e) => {
+                    self.state.label.unreadable.push(id);
+                    self.fail(e.to_string());
+                }
             }
         }
         for labeled in store.session().labeled() {
@@ -139,6 +149,9 @@ impl App {
     }
 
     pub(super) fn recover(&mut self) {
+        if let Some((episode, journal)) = self.state.dream.unsaved.take() {
+            return self.keep_dream(episode, journal);
+        }
         if self.state.unfinished.is_empty() {
             let Some(store) = &self.state.store else { return };
             self.state.unfinished = store.unfinished_dreams().unwrap_or_default();

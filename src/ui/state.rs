@@ -5,11 +5,12 @@ use std::path::PathBuf;
 
 use eframe::egui::{TextureHandle, ThemePreference};
 
+use crate::dream::DreamEpisode;
 use crate::env::controls::ControlConfig;
 use crate::env::{Action, Frame};
 use crate::evaluation::EpisodeMetrics;
-use crate::query::{Justification, Protocol, Query, QueryId, Weights};
-use crate::session::{Header, Session, SessionStore, UnfinishedDream};
+use crate::query::{DreamId, Justification, Protocol, Query, QueryId, Weights};
+use crate::session::{DreamJournal, Header, Session, SessionStore, UnfinishedDream};
 use crate::tensor::Parameters;
 use crate::ui::command::{Command, Field, Panel};
 use crate::ui::keys::{Keys, Rebinding};
@@ -195,6 +196,8 @@ pub(crate) struct Dreaming {
     /// What starts look like, in their order.
     pub thumbnails: Vec<Option<TextureHandle>>,
     pub seed: u64,
+    /// One that could not be written, and its journal if that could be.
+    pub unsaved: Option<(DreamEpisode, Option<DreamJournal>)>,
     /// What the hands do now.
     pub action: Action,
 }
@@ -207,6 +210,8 @@ pub(crate) struct Pair {
 
 /// Answering.
 pub(crate) struct Labeling {
+    /// Dreams whose files are damaged: nothing is shown of them.
+    pub unreadable: Vec<DreamId>,
     /// The query that is answered again, before the others.
     pub revisited: Option<QueryId>,
     /// The query that is on the screen, and since when.
@@ -244,6 +249,7 @@ pub(crate) const NORMAL_SPEED: f64 = 25.0;
 impl Default for Labeling {
     fn default() -> Self {
         Self {
+            unreadable: Vec::new(),
             revisited: None,
             shown: None,
             pairs: BTreeMap::new(),
@@ -377,7 +383,11 @@ impl State {
         let Some(session) = self.session() else { return Upcoming::new() };
         let revisited = self.label.revisited.and_then(|id| session.query(id)).map(|asked| asked.query);
         let pending = session.pending().map(|asked| asked.query);
-        let pending = pending.filter(|query| Some(query.id) != self.label.revisited);
+        let is_shown = |query: &Query| {
+            let dreams = [query.left.dream, query.right.dream];
+            !dreams.iter().any(|dream| self.label.unreadable.contains(dream))
+        };
+        let pending = pending.filter(|query| Some(query.id) != self.label.revisited).filter(is_shown);
         revisited.into_iter().chain(pending).collect()
     }
 

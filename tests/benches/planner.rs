@@ -27,7 +27,9 @@ fn rng() -> ChaCha8Rng {
 
 fn ensemble(kind: Kind) -> RewardEnsemble {
     let n_features = WorldModelConfig::car_racing().n_features();
-    RewardEnsemble::new(n_features, "sha256:0", RewardConfig::car_racing(), &mut rng()).in_kind(kind)
+    // The 60 passes of the authors.
+    let config = RewardConfig { updates: 180, ..RewardConfig::car_racing() };
+    RewardEnsemble::new(n_features, "sha256:0", config, &mut rng()).in_kind(kind)
 }
 
 fn here(model: &WorldModel) -> State {
