@@ -167,6 +167,8 @@ impl Trainer {
         self.begin_anew(rng);
         let n_epochs = self.ensemble.config.epochs(self.pairs.len());
         for epoch in 1..=n_epochs {
+            let left = 1.0 - (epoch - 1) as f64 / n_epochs as f64;
+            self.adam.set_lr(self.ensemble.config.learning_rate * left);
             on_epoch(&EpochReport { epoch, n_epochs, losses: self.epoch(rng) })?;
         }
         ControlFlow::Continue(())

@@ -156,9 +156,9 @@ fn other_weights_change_labels_and_no_answers() {
     let mut script = Script::with_queries(1);
     script.happens(answered(0, BOTH)).unwrap();
     assert_eq!(script.session.labeled()[0].label.mu(), 0.25);
-    let weights = Weights { default: 0.5, ..Weights::car_racing() };
+    let weights = Weights { default: 1.0, ..Weights::car_racing() };
     script.happens(Event::WeightsChanged { weights }).unwrap();
-    assert_eq!(script.session.labeled()[0].label.mu(), 0.5);
+    assert_eq!(script.session.labeled()[0].label.mu(), 0.0);
     assert_eq!(script.responses(), [BOTH]);
 }
 

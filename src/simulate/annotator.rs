@@ -260,7 +260,7 @@ mod tests {
             let sight = Sight { lateral, road_velocity: [speed, 0.0], ..Sight::default() };
             Judgement::of(&[sight; 20])
         };
-        let clips = [&along(30.0, 0.5), &along(40.0, 4.5)];
+        let clips = [&along(35.0, 0.5), &along(40.0, 4.5)];
         let careless = Annotator { care: 0.0, ..Annotator::careful() };
 
         assert_eq!(answer(careless, Protocol::Drope, clips), Response::Preferred(Preference::Right));
