@@ -21,6 +21,12 @@ pub(crate) struct Options {
     /// The file to write
     #[arg(long)]
     out: PathBuf,
+    /// Episodes that are driven to fit on
+    #[arg(long)]
+    episodes: Option<usize>,
+    /// Updates
+    #[arg(long)]
+    updates: Option<usize>,
     /// Of episodes, initialization and order
     #[arg(long, default_value_t = 0)]
     seed: u64,
@@ -34,7 +40,12 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
         EnvName::CarRacing => FitProbeConfig::car_racing(),
         _ => FitProbeConfig::obstacle_car_racing(),
     };
-    let config = FitProbeConfig { seed: options.seed, ..config };
+    let config = FitProbeConfig {
+        seed: options.seed,
+        n_episodes: options.episodes.unwrap_or(config.n_episodes),
+        n_updates: options.updates.unwrap_or(config.n_updates),
+        ..config
+    };
     let mut env = options.env.open(Aids::NONE);
     let mut said = Instant::now();
     let fit = fit_probe(&config, &mut *env, Some(&model), &mut |progress| {

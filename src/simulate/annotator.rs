@@ -31,7 +31,8 @@ pub struct Judgement {
     pub tiles: Vec<f32>,
     /// How near the edge the car is, picture by picture: the square of its way from the middle, where 1 is the edge.
     pub nearness: Vec<f32>,
-    /// How much the car jumps: root mean square of its moves across the road that its motion does not explain, in units.
+    /// How much the car jumps on the road: root mean square of its moves across it that its motion does not explain,
+    /// in units.
     pub doubt: f32,
 }
 
@@ -39,7 +40,9 @@ impl Judgement {
     /// What `sights`, one a picture, come to.
     pub fn of(sights: &[Sight]) -> Self {
         let secs = 1.0 / STEPS_PER_SEC as f32;
-        let jumps = sights.windows(2).map(|pair| {
+        // Far out on the grass there is little to measure a move by, and no doubt about what it means.
+        let on_road = sights.windows(2).filter(|pair| pair.iter().all(|sight| sight.off_road < 0.5));
+        let jumps = on_road.map(|pair| {
             let across = 0.5 * (pair[0].road_velocity[1] + pair[1].road_velocity[1]);
             pair[1].lateral - pair[0].lateral - across * secs
         });
