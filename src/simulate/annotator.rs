@@ -170,32 +170,8 @@ impl Annotator {
                     let errs = [rng.random_bool(self.eps_safety), rng.random_bool(self.eps_safety)];
                     (justification, [left.shows(name) != errs[0], right.shows(name) != errs[1]])
                 });
-                self.justify(justifications, shown, || self.prefer(worths, luck))
+                justify(justifications, shown, || self.prefer(worths, luck))
             }
-        }
-    }
-
-    /// The most severe justification that tells the clips apart decides; where both show the same, neither is better;
-    /// where both show nothing, `otherwise` decides by default.
-    fn justify(
-        &self,
-        all: &Justifications,
-        shown: impl Iterator<Item = (Justification, [bool; 2])>,
-        otherwise: impl FnOnce() -> Preference,
-    ) -> Response {
-        let default = all.default();
-        let mut shared = None;
-        for (justification, shown) in shown.filter(|(justification, _)| *justification != default) {
-            match shown {
-                [false, true] => return Response::Justified(justification, Preference::Left),
-                [true, false] => return Response::Justified(justification, Preference::Right),
-                [true, true] => shared = shared.or(Some(justification)),
-                [false, false] => {}
-            }
-        }
-        match shared {
-            Some(justification) => Response::Justified(justification, Preference::Equal),
-            None => Response::Justified(default, otherwise()),
         }
     }
 
@@ -211,6 +187,29 @@ impl Annotator {
             Some(beta) => luck.choice < 1.0 / (1.0 + (-beta * lead).exp()),
         };
         if is_left == luck.is_mistaken { Preference::Right } else { Preference::Left }
+    }
+}
+
+/// The most severe justification that tells the clips apart decides; where both show the same, neither is better;
+/// where both show nothing, `otherwise` decides by default.
+fn justify(
+    all: &Justifications,
+    shown: impl Iterator<Item = (Justification, [bool; 2])>,
+    otherwise: impl FnOnce() -> Preference,
+) -> Response {
+    let default = all.default();
+    let mut shared = None;
+    for (justification, shown) in shown.filter(|(justification, _)| *justification != default) {
+        match shown {
+            [false, true] => return Response::Justified(justification, Preference::Left),
+            [true, false] => return Response::Justified(justification, Preference::Right),
+            [true, true] => shared = shared.or(Some(justification)),
+            [false, false] => {}
+        }
+    }
+    match shared {
+        Some(justification) => Response::Justified(justification, Preference::Equal),
+        None => Response::Justified(default, otherwise()),
     }
 }
 
