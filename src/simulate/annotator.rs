@@ -166,11 +166,14 @@ impl Annotator {
                 (true, true) => SafetyAnswer::Both(self.prefer(worths, luck)),
             }),
             Protocol::DropjMulti => {
-                let shown = justifications.iter().map(|(justification, name, _)| {
-                    let errs = [rng.random_bool(self.eps_safety), rng.random_bool(self.eps_safety)];
-                    (justification, [left.shows(name) != errs[0], right.shows(name) != errs[1]])
-                });
-                justify(justifications, shown, || self.prefer(worths, luck))
+                let shown: Vec<_> = justifications
+                    .iter()
+                    .map(|(justification, name, _)| {
+                        let errs = [rng.random_bool(self.eps_safety), rng.random_bool(self.eps_safety)];
+                        (justification, [left.shows(name) != errs[0], right.shows(name) != errs[1]])
+                    })
+                    .collect();
+                justify(justifications, &shown, || self.prefer(worths, luck))
             }
         }
     }
@@ -192,14 +195,16 @@ impl Annotator {
 
 /// The most severe justification that tells the clips apart decides; where both show the same, neither is better;
 /// where both show nothing, `otherwise` decides by default.
+///
+/// `// DIFFERENCE:` in Eq. 2 the most severe that is active decides; one that both clips show alike leaves them to the next.
 fn justify(
     all: &Justifications,
-    shown: impl Iterator<Item = (Justification, [bool; 2])>,
+    shown: &[(Justification, [bool; 2])],
     otherwise: impl FnOnce() -> Preference,
 ) -> Response {
     let default = all.default();
     let mut shared = None;
-    for (justification, shown) in shown.filter(|(justification, _)| *justification != default) {
+    for &(justification, shown) in shown.iter().filter(|(justification, _)| *justification != default) {
         match shown {
             [false, true] => return Response::Justified(justification, Preference::Left),
             [true, false] => return Response::Justified(justification, Preference::Right),

@@ -449,7 +449,7 @@ mod tests {
     /// Minutes, not seconds: `cargo test --lib -- --ignored --nocapture a_probe_sees_well_enough_to_drive`;
     /// `FIT_PROBE` may hold another configuration as JSON.
     #[test]
-    #[ignore = "takes minutes"]
+    #[ignore = "fits a whole probe, which takes minutes: for whoever changes the probe or its pilot"]
     #[expect(clippy::print_stderr, reason = "its figures are of interest")]
     fn a_probe_sees_well_enough_to_drive() {
         let config = std::env::var("FIT_PROBE")
