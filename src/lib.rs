@@ -16,8 +16,8 @@
 //! |---|---|---|
 //! | [`env`](mod@env) | physics, tracks, drawing, reward events | knows no tensor; a seed and the actions decide everything |
 //! | [`tensor`] | rank checks, initialization, conversions | the only place that copies between Rust memory and torch |
+//! | [`run`] | the folder of a long job; files written whole | a file is as before or as wanted, never in between |
 //! | [`dataset`] | real episodes on disk: journal, sealed files, streaming reads | memory stays flat however many episodes |
-//! | [`run`] | the folder of a long job | a checkpoint is whole or absent |
 //! | [`world_model`] | VAE, MDN-RNN, their fitting | knows no window or clock; the only place that knows the order `[z \| c \| h]` |
 //! | [`query`] | segments, what can be asked and answered, labels | plain data: no tensor |
 //! | [`dream`] | stepping the model as an environment | holds no randomness of its own: noise comes from the caller |
@@ -51,8 +51,8 @@
 
 pub mod env;
 pub mod tensor;
-pub mod dataset;
 pub mod run;
+pub mod dataset;
 pub mod world_model;
 pub mod query;
 pub mod dream;

@@ -1,12 +1,16 @@
 //! The folder of a long job: checkpoints that are whole or absent, numbers kept out of memory, and a log of metrics.
 
 use std::fs::{self, File, OpenOptions};
-use std::io::Write as _;
+use std::io::{self, ErrorKind, Write as _};
 use std::path::{Path, PathBuf};
 
 use serde::Serialize;
+use serde::de::DeserializeOwned;
 
 use crate::tensor::{Parameters, ParametersError};
+
+/// What the name of a file ends in until it is whole.
+pub const PARTIAL: &str = "partial";
 
 /// Why a job's folder cannot be used.
 #[derive(Debug, thiserror::Error)]
@@ -17,7 +21,15 @@ pub enum RunError {
         /// What was tried.
         doing: &'static str,
         /// What was met.
-        source: std::io::Error,
+        source: io::Error,
+        /// Where.
+        path: PathBuf,
+    },
+    /// A note cannot be read.
+    #[error("cannot read the job's note: {source}; begin the job anew {path:?}")]
+    Note {
+        /// Why.
+        source: serde_json::Error,
         /// Where.
         path: PathBuf,
     },
@@ -31,16 +43,35 @@ pub enum RunError {
     },
 }
 
-/// Writes `bytes` so that the file is either wholly there or as it was: first beside it, then renamed.
-pub fn write_whole(path: &Path, bytes: &[u8]) -> Result<(), RunError> {
-    let partial = path.with_added_extension("partial");
+/// Writes `bytes` so that after a crash the file is as before or as wanted: first beside it, forced to disk, then renamed.
+pub fn replace_file(path: &Path, bytes: &[u8]) -> io::Result<()> {
+    let partial = path.with_added_extension(PARTIAL);
     let write = || {
         let mut file = File::create(&partial)?;
         file.write_all(bytes)?;
         file.sync_all()?;
         fs::rename(&partial, path)
     };
-    write().map_err(|source| RunError::Disk { doing: "write the file", source, path: path.to_owned() })
+    write().inspect_err(|_| drop(fs::remove_file(&partial)))?;
+    sync_folder(path)
+}
+
+/// Forces the name of `path`, rather than its content, to disk.
+pub fn sync_folder(path: &Path) -> io::Result<()> {
+    // Elsewhere folders cannot be opened, and need not be.
+    match path.parent() {
+        Some(folder) if cfg!(unix) && folder != Path::new("") => File::open(folder)?.sync_all(),
+        _ => Ok(()),
+    }
+}
+
+/// Writes a file whole, as [`replace_file`] does, with an error that says what and where.
+pub fn write_whole(path: &Path, bytes: &[u8]) -> Result<(), RunError> {
+    replace_file(path, bytes).map_err(|source| RunError::Disk {
+        doing: "write the file",
+        source,
+        path: path.to_owned(),
+    })
 }
 
 /// Reads safetensors.
@@ -68,6 +99,29 @@ impl Run {
         }
         fs::create_dir_all(dir).map_err(failed("make the folder of the job"))?;
         Ok(Self { dir: dir.to_owned() })
+    }
+
+    /// The folder of the job that makes the file `out`: beside it.
+    pub fn beside(out: &Path, resume: bool) -> Result<Self, RunError> {
+        Self::open(&out.with_extension("fit"), resume)
+    }
+
+    /// Writes `what` down under `name`, for people to read too.
+    pub fn note(&self, name: &str, what: &impl Serialize) -> Result<(), RunError> {
+        let text = serde_json::to_vec_pretty(what).unwrap_or_else(|e| unreachable!("plain data: {e}"));
+        write_whole(&self.dir.join(format!("{name}.json")), &text)
+    }
+
+    /// What was written down under `name`, if anything.
+    pub fn recall<T: DeserializeOwned>(&self, name: &str) -> Result<Option<T>, RunError> {
+        let path = self.dir.join(format!("{name}.json"));
+        match fs::read(&path) {
+            Err(e) if e.kind() == ErrorKind::NotFound => Ok(None),
+            Err(source) => Err(RunError::Disk { doing: "read the job's note", source, path }),
+            Ok(text) => {
+                serde_json::from_slice(&text).map(Some).map_err(|source| RunError::Note { source, path })
+            }
+        }
     }
 
     /// Keeps `parameters` under `name`.

@@ -164,11 +164,16 @@ impl Parameters {
         Ok(())
     }
 
-    /// These and others, under the same header.
-    pub fn with(&self, others: impl IntoIterator<Item = (String, Tensor)>) -> Self {
+    /// These and others, with `metadata` beside what the header holds.
+    pub fn with(
+        &self,
+        others: impl IntoIterator<Item = (String, Tensor)>,
+        metadata: &[(&str, String)],
+    ) -> Self {
         let Ok((_, header)) = SafeTensors::read_metadata(&self.0) else { return self.clone() };
-        let metadata = header.metadata().clone().unwrap_or_default();
-        let metadata: Vec<_> = metadata.iter().map(|(key, value)| (key.as_str(), value.clone())).collect();
+        let old = header.metadata().clone().unwrap_or_default();
+        let old = old.iter().map(|(key, value)| (key.as_str(), value.clone()));
+        let metadata: Vec<_> = old.chain(metadata.iter().cloned()).collect();
         let own =
             header.offset_keys().into_iter().filter_map(|name| Some((name.clone(), self.tensor(&name)?)));
         Self::from_tensors(own.chain(others), &metadata)

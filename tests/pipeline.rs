@@ -2,7 +2,8 @@
 
 mod support;
 
-use std::ops::ControlFlow;
+use std::ops::{ControlFlow, Range};
+use std::path::Path;
 
 use dropj::dataset::{Dataset, EpisodeInfo, StepRecord};
 use dropj::dream::Dream;
@@ -12,7 +13,7 @@ use dropj::planner::{Agent, PlannerConfig};
 use dropj::query::{DreamId, QueryId, Response, SEGMENT_LEN, SegmentRef, Weights, sample_queries};
 use dropj::reward::{RewardConfig, RewardEnsemble, SegmentPair, Trainer, segment_rows};
 use dropj::run::Run;
-use dropj::world_model::fit::{FitConfig, fit_world};
+use dropj::world_model::fit::{FitConfig, Progress, Stage, fit_world};
 use dropj::world_model::{WorldModel, WorldModelConfig};
 use rand::{RngExt as _, SeedableRng as _};
 use rand_chacha::ChaCha8Rng;
@@ -26,6 +27,67 @@ fn wander(t: usize, held: &mut Action, rng: &mut ChaCha8Rng) -> Action {
     *held
 }
 
+/// The recordings in `folder` with an episode of the toy road for each of `seeds` more.
+fn recorded(folder: &Path, seeds: Range<u64>, rng: &mut ChaCha8Rng) -> Dataset {
+    let mut dataset =
+        Dataset::create_or_open(&folder.join("data"), "dummy-road").expect("the folder is ours");
+    for seed in seeds {
+        let mut env = DummyRoad::default();
+        env.reset(Seed::Native(seed));
+        let info = EpisodeInfo { env: "dummy-road".into(), pilot: "test".into(), seed };
+        let (mut recording, mut held) = (dataset.begin(info).expect("the disk has room"), Action::default());
+        for t in 0..DummyRoad::LEN {
+            let (frame, action) = (env.frame(), wander(t, &mut held, rng));
+            let outcome = env.advance(action);
+            let (reward, grass) = (outcome.reward, outcome.events.grass);
+            recording
+                .push(&StepRecord { frame, action, reward, grass, contacts: None, wall_time_ns: 0 })
+                .expect("the disk has room");
+        }
+        dataset.seal(recording, &env.frame(), true).expect("the disk has room");
+    }
+    dataset
+}
+
+#[test]
+fn a_resumed_fit_learns_anew_what_rests_on_another_vision_and_refuses_other_recordings() {
+    tch::set_num_threads(1);
+    let rng = &mut ChaCha8Rng::seed_from_u64(0);
+    let folder = tempfile::tempdir().unwrap();
+    let dataset = recorded(folder.path(), 0..3, rng);
+    let out = folder.path().join("world.safetensors");
+    let mut brief = FitConfig::tiny();
+    for schedule in [&mut brief.vae, &mut brief.mdn_rnn] {
+        (schedule.max_epochs, schedule.updates_per_epoch) = (1, 2);
+    }
+    let config = WorldModelConfig::tiny();
+    let epochs = |dataset: &Dataset, fit: &FitConfig, resume: bool| {
+        let mut stages = Vec::new();
+        let run = Run::beside(&out, resume).unwrap();
+        let fitted = fit_world(dataset, &config, fit, &run, &mut |progress: &Progress| {
+            stages.extend(progress.held_out.map(|_| progress.stage));
+            ControlFlow::Continue(())
+        });
+        fitted.map(|parameters| (stages, WorldModel::load(parameters).unwrap()))
+    };
+    let (stages, model) = epochs(&dataset, &brief, false).unwrap();
+    assert_eq!(stages, [Stage::Vae, Stage::MdnRnn]);
+    assert_eq!(model.held_out().map(|held_out| held_out.len()), Some(1), "the file says what was held out");
+
+    let (stages, again) = epochs(&dataset, &brief, true).unwrap();
+    assert!(stages.is_empty(), "all was done: {stages:?}");
+    assert_eq!(again.hash(), model.hash());
+
+    brief.vae.max_epochs = 2;
+    let (stages, _) = epochs(&dataset, &brief, true).unwrap();
+    assert_eq!(stages, [Stage::Vae, Stage::MdnRnn], "memory has to learn the new latents");
+
+    drop(dataset);
+    let more = recorded(folder.path(), 3..4, rng);
+    let error = epochs(&more, &brief, true).unwrap_err().to_string();
+    assert!(error.contains("began with 3 episodes") && error.contains("4 episodes"), "{error}");
+}
+
 #[test]
 fn a_car_that_learned_from_answers_stays_on_the_road_better_than_one_that_did_not() {
     tch::set_num_threads(1);
@@ -33,22 +95,7 @@ fn a_car_that_learned_from_answers_stays_on_the_road_better_than_one_that_did_no
     let folder = tempfile::tempdir().unwrap();
 
     // Step 1: record, and learn what the world does.
-    let mut dataset = Dataset::create_or_open(&folder.path().join("data"), "dummy-road").unwrap();
-    for seed in 0..10 {
-        let mut env = DummyRoad::default();
-        env.reset(Seed::Native(seed));
-        let info = EpisodeInfo { env: "dummy-road".into(), pilot: "test".into(), seed };
-        let (mut recording, mut held) = (dataset.begin(info).unwrap(), Action::default());
-        for t in 0..DummyRoad::LEN {
-            let (frame, action) = (env.frame(), wander(t, &mut held, rng));
-            let outcome = env.advance(action);
-            let (reward, grass) = (outcome.reward, outcome.events.grass);
-            recording
-                .push(&StepRecord { frame, action, reward, grass, contacts: None, wall_time_ns: 0 })
-                .unwrap();
-        }
-        dataset.seal(recording, &env.frame(), true).unwrap();
-    }
+    let dataset = recorded(folder.path(), 0..10, rng);
     let run = Run::open(&folder.path().join("fit"), false).unwrap();
     let config = WorldModelConfig::tiny();
     let go_on = &mut |_: &_| ControlFlow::Continue(());

@@ -20,7 +20,13 @@ fn the_example_replays_and_its_rewards_are_learned_again() {
     assert_eq!(replayed.session.protocols(), protocols, "all that can be simulated are answered in it");
     let log = std::fs::read_to_string(dir.join("events.jsonl")).unwrap();
     assert!(log.contains(r#"{"event":"retracted""#), "an undo is in it");
-    assert!(!replayed.clips.is_empty(), "its clips decode");
+    let then = replayed.recorded_clips().unwrap().expect("what its clips look like is recorded");
+    let changed = replayed.changed_clips(&then);
+    assert!(
+        then.len() >= 100 && changed.is_empty(),
+        "of {} clips these look otherwise: {changed:?}",
+        then.len()
+    );
     assert!(!replayed.fits.is_empty(), "a fit is in it");
     for fit in &replayed.fits {
         let losses = replayed.refit(&model, fit).unwrap();

@@ -18,7 +18,7 @@ pub(crate) struct Options {
     /// The world model
     #[arg(long)]
     world: PathBuf,
-    /// The seed that the world model was trained with: it decides which episodes were held out
+    /// The seed that the world model was trained with; only for models whose file does not say what was held out
     #[arg(long, default_value_t = 0)]
     seed: u64,
     /// How many stretches of held-out episodes to compare
@@ -32,8 +32,15 @@ pub(crate) struct Options {
 pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
     let dataset = Dataset::open(&options.data)?;
     let model = models::world_model(&options.world)?;
-    let split = Split::new(dataset.n_episodes(), FitConfig::car_racing().held_out, options.seed);
-    let (figures, stretches) = fidelity(&model, &dataset, &split.held_out, options.stretches, 0)?;
+    let n = dataset.n_episodes();
+    let held_out =
+        model.held_out().unwrap_or_else(|| Split::new(n, FitConfig::full().held_out, options.seed).held_out);
+    anyhow::ensure!(
+        held_out.iter().all(|&episode| episode < n),
+        "the world model was trained on more recordings than the {n} in {:?}: give those",
+        options.data
+    );
+    let (figures, stretches) = fidelity(&model, &dataset, &held_out, options.stretches, 0)?;
     println!("{}", serde_json::json!({"steps": Fidelity::STEPS, "figures": figures}));
     if let Some(path) = &options.picture {
         draw(&stretches[..stretches.len().min(3)])

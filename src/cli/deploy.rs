@@ -64,6 +64,7 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
         (None, Some(dir)) => SessionStore::read_world_model(dir)?,
         (None, None) => models::world_model(&models::world_model_asset(env))?,
     };
+    models::require(&model, env)?;
     let reward = if let Some((_, reward)) = &kept {
         let dir = options.session.as_deref().unwrap_or(Path::new(""));
         let none = || format!("the session {dir:?} has no reward yet: fit one in the window");

@@ -36,6 +36,7 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
     tch::set_num_threads(1);
     let world = options.world.clone().unwrap_or_else(|| models::world_model_asset(options.env));
     let model = models::world_model(&world)?;
+    models::require(&model, options.env)?;
     let config = match options.env {
         EnvName::CarRacing => FitProbeConfig::car_racing(),
         _ => FitProbeConfig::obstacle_car_racing(),

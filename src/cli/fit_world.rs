@@ -79,10 +79,10 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
          choose another --preset",
         config.vae.side
     );
-    let mut fit = FitConfig { seed: options.seed, ..FitConfig::car_racing() };
+    let mut fit = FitConfig { seed: options.seed, ..FitConfig::full() };
     fit.vae.max_epochs = options.vae_epochs.unwrap_or(fit.vae.max_epochs);
     fit.mdn_rnn.max_epochs = options.mdn_rnn_epochs.unwrap_or(fit.mdn_rnn.max_epochs);
-    let run = Run::open(&options.out.with_extension("fit"), options.resume)?;
+    let run = Run::beside(&options.out, options.resume)?;
     let (mut epoch_start, mut said) = (Instant::now(), Instant::now());
     let mut report = |progress: &Progress| {
         if progress.held_out.is_some() || said.elapsed() > Duration::from_secs(20) {

@@ -22,6 +22,19 @@ pub(crate) fn world_model_asset(env: EnvName) -> PathBuf {
     asset(&format!("world-{}.safetensors", env.name()))
 }
 
+/// Whether `model` can see what `env` shows.
+pub(crate) fn require(model: &WorldModel, env: EnvName) -> anyhow::Result<()> {
+    let (sees, shown) = (model.config().vae.side, env.world().vae.side);
+    anyhow::ensure!(
+        sees == shown,
+        "this world model was trained on {:?}, in pictures of {sees} pixels a side, and {:?} shows {shown}: \
+         choose another with --world, or its environment with --env",
+        model.config().env,
+        env.name()
+    );
+    Ok(())
+}
+
 /// The world model in `path`.
 pub(crate) fn world_model(path: &Path) -> anyhow::Result<WorldModel> {
     let parameters = read_parameters(path).context(

@@ -10,9 +10,12 @@ use super::{models, names};
 pub(crate) struct Options {
     /// The folder of the session
     session: PathBuf,
-    /// Fit every reward again and fail where its losses differ from what was recorded
+    /// Fail where clips look other than was recorded, or where a reward that is fitted again has other losses
     #[arg(long)]
     check: bool,
+    /// Write into the session what its clips look like, for later checks
+    #[arg(long)]
+    record: bool,
     /// A world model other than the session's own
     #[arg(long)]
     world: Option<PathBuf>,
@@ -38,7 +41,22 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
     if let Some(torn) = &replayed.torn {
         println!("a half line at the end of the log was passed over: {torn:?}");
     }
+    if options.record {
+        replayed.record_clips()?;
+    }
     if options.check {
+        if let Some(then) = replayed.recorded_clips()? {
+            let changed = replayed.changed_clips(&then);
+            let names: Vec<_> = changed.iter().map(|(dream, start)| format!("{}/{start}", dream.0)).collect();
+            anyhow::ensure!(
+                changed.is_empty(),
+                "these clips (dream/first step) look other than recorded: {}",
+                names.join(", ")
+            );
+            println!("{} clips look as recorded", then.len());
+        } else {
+            println!("what clips look like was never recorded here: `--record` does");
+        }
         for (i, fit) in replayed.fits.iter().enumerate() {
             let losses = replayed.refit(&model, fit)?;
             anyhow::ensure!(

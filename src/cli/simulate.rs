@@ -117,6 +117,7 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
     let env = options.env;
     let world = options.world.clone().unwrap_or_else(|| models::world_model_asset(env));
     let model = models::world_model(&world)?;
+    models::require(&model, env)?;
     let probe = models::probe(options.probe.as_deref(), env)?;
     let protocols = match &options.protocol[..] {
         [] => vec![Protocol::of_env(env.name())],

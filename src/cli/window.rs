@@ -42,12 +42,12 @@ pub(crate) fn run(options: Options) -> anyhow::Result<()> {
         env: Box::new(move |aids| env.open(aids)),
         env_name: env.name().to_owned(),
         world: env.world(),
-        fit: FitConfig::car_racing(),
+        fit: FitConfig::full(),
         reward: RewardConfig::car_racing(),
         planner: env.planner(),
     };
     let shipped = models::world_model_asset(env);
-    let load = move |path: &Path| load(path, path == shipped);
+    let load = move |path: &Path| load(path, path == shipped, env);
     let startup = Startup {
         env: env.name().to_owned(),
         sessions: options.sessions,
@@ -62,8 +62,9 @@ pub(crate) fn run(options: Options) -> anyhow::Result<()> {
 }
 
 /// The world model in `path`, with what a person may want to know of it.
-fn load(path: &Path, is_shipped: bool) -> Result<LoadedWorld, String> {
+fn load(path: &Path, is_shipped: bool, env: EnvName) -> Result<LoadedWorld, String> {
     let model = models::world_model(path).map_err(|e| format!("{e:#}"))?;
+    models::require(&model, env).map_err(|e| e.to_string())?;
     let name = if is_shipped {
         "the shipped one".to_owned()
     } else {

@@ -1,15 +1,14 @@
 //! Files that are either whole or absent, and where they lie in a dataset.
 
-use std::fs::{self, File};
-use std::io::{self, Write as _};
+use std::fs;
+use std::io;
 use std::path::{Path, PathBuf};
 
 use super::DatasetError;
+use crate::run::{PARTIAL, replace_file};
 
 /// Files in a chunk folder, as `LeRobot` has it.
 pub(super) const FILES_PER_CHUNK: usize = 1000;
-/// What an unfinished file ends in.
-const PARTIAL: &str = "partial";
 
 /// Where episode `number` is sealed.
 pub(super) fn episode_path(dir: &Path, number: usize) -> PathBuf {
@@ -60,28 +59,10 @@ pub(super) fn make_folder(dir: &Path) -> Result<(), DatasetError> {
 
 /// Writes a file so that after a crash it is as before or as wanted, and never in between.
 pub(super) fn replace(path: &Path, bytes: &[u8]) -> Result<(), DatasetError> {
-    let mut partial = path.as_os_str().to_owned();
-    partial.push(".");
-    partial.push(PARTIAL);
-    let partial = PathBuf::from(partial);
     if let Some(dir) = path.parent() {
         make_folder(dir)?;
     }
-    let written = File::create(&partial).and_then(|mut file| {
-        file.write_all(bytes)?;
-        file.sync_all()
-    });
-    if let Err(met) = written.and_then(|()| fs::rename(&partial, path)) {
-        fs::remove_file(&partial).ok();
-        return Err(DatasetError::disk("write the file", path)(met));
-    }
-    sync_folder(path)
-}
-
-/// Makes a renaming last through a power cut.
-fn sync_folder(path: &Path) -> Result<(), DatasetError> {
-    let Some(dir) = path.parent().filter(|_| cfg!(unix)) else { return Ok(()) };
-    File::open(dir).and_then(|dir| dir.sync_all()).map_err(DatasetError::disk("sync the folder", dir))
+    replace_file(path, bytes).map_err(DatasetError::disk("write the file", path))
 }
 
 /// Writes a file only where it says something else already.

@@ -1,43 +1,18 @@
 //! Dreams and parameters as files that are whole or absent.
 
-use std::fs::File;
-use std::io::Write as _;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use safetensors::tensor::{Dtype, SafeTensors, TensorView};
 
 use crate::dream::{DreamEpisode, Rows};
 use crate::env::Action;
+use crate::run::replace_file;
 use crate::session::error::SessionError;
 use crate::world_model::LatentState;
 
-/// Puts `bytes` at `path`, whole or not at all: written beside it, forced to disk, then renamed.
+/// Puts `bytes` at `path`, whole or not at all.
 pub(crate) fn write_whole(path: &Path, bytes: &[u8], tried: &'static str) -> Result<(), SessionError> {
-    let partial = with_suffix(path, ".partial");
-    let written = File::create(&partial).and_then(|mut file| {
-        file.write_all(bytes)?;
-        file.sync_all()
-    });
-    let done = written.and_then(|()| std::fs::rename(&partial, path)).and_then(|()| sync_folder(path));
-    done.map_err(|met| {
-        std::fs::remove_file(&partial).ok();
-        SessionError::Disk { tried, met, path: path.to_owned() }
-    })
-}
-
-/// Forces the name of `path`, rather than its content, to disk.
-pub(crate) fn sync_folder(path: &Path) -> std::io::Result<()> {
-    // Elsewhere folders cannot be opened, and need not be.
-    match path.parent() {
-        Some(folder) if cfg!(unix) && folder != Path::new("") => File::open(folder)?.sync_all(),
-        _ => Ok(()),
-    }
-}
-
-fn with_suffix(path: &Path, suffix: &str) -> PathBuf {
-    let mut name = path.as_os_str().to_owned();
-    name.push(suffix);
-    name.into()
+    replace_file(path, bytes).map_err(SessionError::disk(tried, path))
 }
 
 /// A dream as a safetensors file; the same dream has the same bytes.

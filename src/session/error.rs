@@ -205,6 +205,14 @@ pub enum SessionError {
         /// Its path.
         path: PathBuf,
     },
+    /// A file does not tell what clips look like.
+    #[error("cannot read what the clips look like: {met}; `dropj replay --record` writes it anew: {path:?}")]
+    Looks {
+        /// What was met.
+        met: String,
+        /// Its path.
+        path: PathBuf,
+    },
     /// A file does not hold parameters.
     #[error("cannot read the parameters: {met}: {path:?}")]
     Parameters {

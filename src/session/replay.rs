@@ -5,14 +5,13 @@ use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 
 use crate::dream::{DreamEpisode, Rows};
-use crate::env::Frame;
 use crate::query::{DreamId, LabeledQuery, SEGMENT_LEN, SegmentRef};
 use crate::reward::{RewardEnsemble, fit_anew, segment_rows};
 use crate::session::error::SessionError;
 use crate::session::header::Header;
+use crate::session::look::{self, Look, Looks};
 use crate::session::store::{read, read_dream, read_parameters};
 use crate::session::{FittedReward, Session, log};
-use crate::tensor::sha256;
 use crate::world_model::WorldModel;
 
 /// How far a loss may lie from that of the same fit elsewhere, in nats a label.
@@ -31,10 +30,8 @@ pub struct Replay {
     pub session: Session,
     /// A half line at the end of the log, which was passed over.
     pub torn: Option<String>,
-    /// The hash of the pictures of every segment that was asked about.
-    ///
-    /// The same on the same kind of processor; elsewhere arithmetic can differ in the last digit.
-    pub clips: BTreeMap<(DreamId, usize), String>,
+    /// What every segment that was asked about looks like.
+    pub clips: Looks,
     /// The rewards that were learned, and from what.
     pub fits: Vec<ReplayedFit>,
 }
@@ -69,14 +66,13 @@ pub fn replay(dir: &Path, model: &WorldModel) -> Result<Replay, SessionError> {
     for SegmentRef { dream, start } in session.queries().iter().flat_map(|a| [a.query.left, a.query.right]) {
         starts.entry(dream).or_default().insert(start);
     }
-    let mut clips = BTreeMap::new();
+    let mut clips = Looks::new();
     for kept in session.dreams() {
         // One dream at a time, whether asked about or not: a damaged one is found either way.
         let episode = read_dream(dir, &session, kept.dream)?;
         for &start in starts.get(&kept.dream).into_iter().flatten() {
             let frames = episode.frames(model, start..start + SEGMENT_LEN);
-            let bytes: Vec<u8> = frames.iter().flat_map(Frame::rgb).copied().collect();
-            clips.insert((kept.dream, start), sha256(&bytes));
+            clips.insert((kept.dream, start), Look::of(&frames));
         }
     }
     let fits = fits(&reading.header, &reading.contents, &session);
@@ -85,6 +81,24 @@ pub fn replay(dir: &Path, model: &WorldModel) -> Result<Replay, SessionError> {
 }
 
 impl Replay {
+    /// Writes down what the clips look like now, for later replays to compare with.
+    pub fn record_clips(&self) -> Result<(), SessionError> {
+        look::write(&self.dir, &self.clips)
+    }
+
+    /// What the clips looked like when that was written down, if it was.
+    pub fn recorded_clips(&self) -> Result<Option<Looks>, SessionError> {
+        look::read(&self.dir)
+    }
+
+    /// Those of `then` that look otherwise now, or are not asked about.
+    pub fn changed_clips(&self, then: &Looks) -> Vec<(DreamId, usize)> {
+        let is_same = |clip: &(DreamId, usize), look: &Look| {
+            self.clips.get(clip).is_some_and(|now| now.apart(look) <= Look::TOLERANCE)
+        };
+        then.iter().filter(|(clip, look)| !is_same(clip, look)).map(|(clip, _)| *clip).collect()
+    }
+
     /// Learns a reward of this session again and returns the last loss of each member.
     ///
     /// The shape of the ensemble is that of the saved one; generator, labels and their order are those of the log.

@@ -5,6 +5,7 @@ use std::time::SystemTime;
 
 use crate::dream::DreamEpisode;
 use crate::query::DreamId;
+use crate::run::sync_folder;
 use crate::session::error::SessionError;
 use crate::session::event::{DreamSource, Event, Fit, KeptDream};
 use crate::session::header::{FORMAT, Header};
@@ -40,7 +41,7 @@ impl SessionStore {
         let log = Log::create(&dir.join(LOG_FILE))?;
         // The header comes last: a folder without one is no session.
         header.write(dir)?;
-        arrays::sync_folder(dir).map_err(SessionError::disk("make the folder of a session", dir))?;
+        sync_folder(dir).map_err(SessionError::disk("make the folder of a session", dir))?;
         Ok(Self { dir: dir.to_owned(), session: header.session(), header, log, torn: None })
     }
 

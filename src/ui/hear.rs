@@ -118,6 +118,7 @@ impl App {
                 let text = "the new world model is on disk".to_owned();
                 self.offer(text, vec![("Use it".to_owned(), Command::LoadWorld(path))]);
             }
+            Report::LeftOut(why) => self.warn(why),
             Report::Failed { worker, message } => self.worker_failed(worker, &message),
         }
     }

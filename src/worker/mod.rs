@@ -280,6 +280,8 @@ pub enum Report {
     },
     /// So many recordings were left behind by a killed program.
     Unfinished(usize),
+    /// A recorded episode is left out of a fit; the sentence says why.
+    LeftOut(String),
     /// A world model is being trained.
     Modeling(Progress),
     /// A world model is on disk.

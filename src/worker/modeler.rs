@@ -61,7 +61,10 @@ fn fit_one(
             config.env
         ));
     }
-    let run = Run::open(&out.with_added_extension("run"), resume).map_err(|e| e.to_string())?;
+    for damaged in dataset.damaged() {
+        reports.send(Report::LeftOut(format!("left out of the fit: {damaged}")));
+    }
+    let run = Run::beside(out, resume).map_err(|e| e.to_string())?;
     let mut last = None;
     let mut listen = |progress: &Progress| loop {
         match commands.try_recv() {

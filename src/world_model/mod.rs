@@ -8,6 +8,8 @@ pub mod mdn_rnn;
 mod starts;
 pub mod vae;
 
+use std::cell::OnceCell;
+
 use rand::{Rng, SeedableRng as _};
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
@@ -158,6 +160,8 @@ pub struct WorldModel {
     /// The same memory, rearranged.
     foresight: Foresight,
     starts: Vec<LatentState>,
+    /// Hashed once, when it is first asked for: there are megabytes of it.
+    hash: OnceCell<String>,
 }
 
 /// Why a world model cannot be loaded.
@@ -187,7 +191,8 @@ impl WorldModel {
         let (mut memory, eyes, brush) = (memory, vae.frozen(Kind::Float), vae.frozen(fast_kind()));
         memory.freeze();
         let starts = starts::unpack(&parameters);
-        Ok(Self { config, parameters, eyes, brush, foresight: Foresight::of(&mdn_rnn), mdn_rnn, starts })
+        let foresight = Foresight::of(&mdn_rnn);
+        Ok(Self { config, parameters, eyes, brush, foresight, mdn_rnn, starts, hash: OnceCell::new() })
     }
 
     /// Both networks as they are trained: what [`Self::load`] takes.
@@ -200,9 +205,15 @@ impl WorldModel {
         Parameters::of(&[("vae", vision), ("mdn_rnn", memory)], &[("config", header)])
     }
 
-    /// This model's parameters with `starts` beside them.
-    pub fn parameters_with_starts(&self, starts: &[LatentState]) -> Parameters {
-        self.parameters.with(starts::pack(starts))
+    /// This model's parameters with `starts` beside them, and the episodes that were held out in the header.
+    pub fn parameters_with_starts(&self, starts: &[LatentState], held_out: &[usize]) -> Parameters {
+        let held_out = serde_json::to_string(held_out).unwrap_or_else(|e| unreachable!("plain numbers: {e}"));
+        self.parameters.with(starts::pack(starts), &[("held_out", held_out)])
+    }
+
+    /// The recorded episodes that this model was never trained on, where its file says so.
+    pub fn held_out(&self) -> Option<Vec<usize>> {
+        serde_json::from_str(&self.parameters.metadata("held_out")?).ok()
     }
 
     /// Where dreams may start: moments of held-out real episodes, their memory warm.
@@ -217,7 +228,7 @@ impl WorldModel {
 
     /// What identifies this model: everything dreamed with it names it.
     pub fn hash(&self) -> String {
-        self.parameters.hash()
+        self.hash.get_or_init(|| self.parameters.hash()).clone()
     }
 
     /// The parameters this was loaded from.

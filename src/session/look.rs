@@ -1,0 +1,133 @@
+//! What clips looked like when a session was recorded, coarsely, so that another processor sees them alike.
+
+use std::collections::BTreeMap;
+use std::fmt::Write as _;
+use std::path::Path;
+
+use serde::de::Error as _;
+use serde::{Deserialize, Deserializer, Serialize, Serializer};
+
+use crate::env::Frame;
+use crate::query::DreamId;
+use crate::session::arrays::write_whole;
+use crate::session::error::SessionError;
+
+/// The file in a session's folder.
+const FILE: &str = "clips.json";
+/// Fields a side that a picture is divided into.
+const FIELDS: u32 = 4;
+
+/// A clip in small: the mean colors of 4 x 4 fields of its first picture, then of its last.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Look(Vec<u8>);
+
+impl Look {
+    /// How far two may lie apart and still be of the same clip, in steps of 256: pictures are drawn in bf16 or in f32.
+    pub const TOLERANCE: u8 = 4;
+
+    /// That of a clip.
+    pub fn of(clip: &[Frame]) -> Self {
+        Self([clip.first(), clip.last()].into_iter().flatten().flat_map(means).collect())
+    }
+
+    /// The largest difference of a color.
+    pub fn apart(&self, other: &Self) -> u8 {
+        let colors = self.0.iter().zip(&other.0).map(|(a, b)| a.abs_diff(*b));
+        if self.0.len() == other.0.len() { colors.max().unwrap_or(0) } else { u8::MAX }
+    }
+}
+
+/// The mean colors of the fields of `frame`, row by row.
+fn means(frame: &Frame) -> Vec<u8> {
+    let side = frame.side();
+    let mut sums = vec![(0_u64, 0_u64); (3 * FIELDS * FIELDS) as usize];
+    for (i, rgb) in (0..).zip(frame.rgb().as_chunks::<3>().0) {
+        let (row, column) = (i / side * FIELDS / side, i % side * FIELDS / side);
+        for (channel, value) in rgb.iter().enumerate() {
+            let (sum, n) = &mut sums[3 * (row * FIELDS + column) as usize + channel];
+            (*sum, *n) = (*sum + u64::from(*value), *n + 1);
+        }
+    }
+    sums.iter().map(|(sum, n)| (sum / n.max(&1)) as u8).collect()
+}
+
+impl Serialize for Look {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        let mut hex = String::new();
+        for byte in &self.0 {
+            write!(hex, "{byte:02x}").unwrap_or_else(|_| unreachable!("a string takes all"));
+        }
+        serializer.serialize_str(&hex)
+    }
+}
+
+impl<'de> Deserialize<'de> for Look {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        let hex = String::deserialize(deserializer)?;
+        let pairs = hex.as_bytes().chunks(2).map(|pair| str::from_utf8(pair).unwrap_or("?"));
+        let bytes: Result<_, _> = pairs.map(|pair| u8::from_str_radix(pair, 16)).collect();
+        bytes.map(Self).map_err(|_| D::Error::custom("colors are pairs of hexadecimal digits"))
+    }
+}
+
+/// The looks of clips, by dream and first step.
+pub type Looks = BTreeMap<(DreamId, usize), Look>;
+
+/// Writes `looks` into the session in `dir`.
+pub(super) fn write(dir: &Path, looks: &Looks) -> Result<(), SessionError> {
+    let named: BTreeMap<_, _> =
+        looks.iter().map(|((dream, start), look)| (format!("{}/{start}", dream.0), look)).collect();
+    let text = serde_json::to_vec_pretty(&named).unwrap_or_else(|e| unreachable!("plain data: {e}"));
+    write_whole(&dir.join(FILE), &text, "write down what the clips look like")
+}
+
+/// The looks that were written into the session in `dir`, if any were.
+pub(super) fn read(dir: &Path) -> Result<Option<Looks>, SessionError> {
+    let path = dir.join(FILE);
+    if !path.exists() {
+        return Ok(None);
+    }
+    let text = std::fs::read(&path).map_err(SessionError::disk("read what the clips look like", &path))?;
+    let wrong = |met: String| SessionError::Looks { met, path: path.clone() };
+    let named: BTreeMap<String, Look> = serde_json::from_slice(&text).map_err(|e| wrong(e.to_string()))?;
+    let parse = |(name, look): (String, Look)| {
+        let (dream, start) = name.split_once('/')?;
+        Some(((DreamId(dream.parse().ok()?), start.parse().ok()?), look))
+    };
+    let looks: Option<Looks> = named.into_iter().map(parse).collect();
+    looks
+        .map(Some)
+        .ok_or_else(|| wrong("a clip is named by its dream and its first step, as in 3/120".into()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A picture that grows lighter downwards from `at`.
+    fn frame(at: u8) -> Frame {
+        Frame::new(8, (0..192_u8).map(|i| at + i / 24).collect::<Vec<_>>())
+    }
+
+    #[test]
+    fn a_clip_looks_like_itself_and_unlike_others() {
+        let look = Look::of(&[frame(10), frame(99), frame(40)]);
+        assert_eq!(look.0.len(), 2 * 48, "two pictures of sixteen colors");
+        assert_eq!((look.0[0], look.0[47]), (10, 16), "rows 0 and 1, rows 6 and 7");
+        assert_eq!(look.apart(&Look::of(&[frame(10), frame(0), frame(40)])), 0, "only its ends count");
+        assert_eq!(look.apart(&Look::of(&[frame(10), frame(46)])), 6);
+        assert_eq!(look.apart(&Look::of(&[])), u8::MAX);
+    }
+
+    #[test]
+    fn looks_survive_the_way_to_a_file_and_back() {
+        let dir = tempfile::tempdir().unwrap();
+        assert_eq!(read(dir.path()).unwrap(), None);
+        let looks =
+            Looks::from([((DreamId(2), 35), Look::of(&[frame(1)])), ((DreamId(11), 0), Look::of(&[]))]);
+        write(dir.path(), &looks).unwrap();
+        assert_eq!(read(dir.path()).unwrap(), Some(looks));
+        std::fs::write(dir.path().join(FILE), r#"{"2": "00"}"#).unwrap();
+        assert!(read(dir.path()).unwrap_err().to_string().contains("3/120"));
+    }
+}
