@@ -8,7 +8,7 @@ use std::time::Instant;
 
 use anyhow::Context as _;
 use dropj::query::{Justifications, SegmentRef, Weights};
-use dropj::reward::{Fitted, RewardConfig, fit_anew, segment_rows};
+use dropj::reward::{Figures, Fitted, RewardConfig, fit_anew, foretell_held_out, segment_rows};
 use dropj::session::{Event, Fit, SessionStore};
 use dropj::world_model::WorldModel;
 
@@ -34,6 +34,9 @@ pub(crate) struct Options {
     /// Of initialization and order
     #[arg(long, default_value_t = 0)]
     seed: u64,
+    /// Also hold out this share of the answers, learn from the rest, and say how well those are foretold
+    #[arg(long)]
+    held_out: Option<f64>,
 }
 
 pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
@@ -61,7 +64,7 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
     let papers = RewardConfig::car_racing();
     let config = RewardConfig { updates: options.updates.unwrap_or(papers.updates), ..papers };
     let started = Instant::now();
-    let fit = fit_reward(&mut store, &model, config, options.seed)?;
+    let fit = fit_reward(&mut store, &model, config, options.seed, options.held_out)?;
     println!("{} labels, losses {:.4?}, {:.1} s", fit.n_labels, fit.losses, started.elapsed().as_secs_f64());
     Ok(())
 }
@@ -72,6 +75,7 @@ pub(super) fn fit_reward(
     model: &WorldModel,
     config: RewardConfig,
     seed: u64,
+    held_out: Option<f64>,
 ) -> anyhow::Result<Fit> {
     let mut dreams = BTreeMap::new();
     for kept in store.session().dreams() {
@@ -86,10 +90,30 @@ pub(super) fn fit_reward(
     let labels = store.session().labeled();
     anyhow::ensure!(!labels.is_empty(), "there are no answers to learn from");
     let epochs = config.epochs(labels.len()) as u32;
+    let figures = held_out.map(|share| {
+        let Ok(figures) = foretell_held_out(model, config.clone(), seed, &labels, rows, share);
+        figures
+    });
+    if let Some(figures) = figures {
+        let Figures { n, log_loss, floor, n_strict, agreement } =
+            figures.context("there are too few answers to hold some out")?;
+        println!(
+            "of {n} answers held out: log-loss {log_loss:.3} nats (at least {floor:.3}), \
+             {:.0} % of {n_strict} strict ones foretold",
+            100.0 * agreement.unwrap_or(0.0)
+        );
+    }
     let Ok(fitted) = fit_anew(model, config, seed, &labels, rows, |_| ControlFlow::Continue(()));
     let Fitted { trainer, losses } = fitted.context("the fit was broken off")?;
     let after = store.session().n_entries();
-    let fit = Fit { after, n_labels: labels.len(), seed, epochs, losses, held_out: None };
+    let fit = Fit {
+        after,
+        n_labels: labels.len(),
+        seed,
+        epochs,
+        losses,
+        held_out: figures.flatten().map(|figures| figures.log_loss as f32),
+    };
     store.save_reward(&trainer.ensemble().parameters(), fit.clone())?;
     Ok(fit)
 }

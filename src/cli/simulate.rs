@@ -174,7 +174,7 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
         let is_undone = (i + 1) * options.undo / n > i * options.undo / n;
         record(&mut store, answered, is_undone)?;
     }
-    let fit = fit_reward(&mut store, &model, RewardConfig::car_racing(), options.seed)?;
+    let fit = fit_reward(&mut store, &model, RewardConfig::car_racing(), options.seed, None)?;
     println!(
         "{}: {} dreams, {} queries, {} labels; {:.0} % of the clips unsafe; losses {:.4?}; {:.0} s; {:?}",
         names(&store.session().protocols()),

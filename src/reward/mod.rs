@@ -19,7 +19,7 @@ use crate::world_model::fast_kind;
 pub use figures::Figures;
 pub use fit::{EpochReport, SegmentPair, Trainer, segment_rows};
 pub use frozen::FrozenReward;
-pub use recipe::{Fitted, fit_anew};
+pub use recipe::{Fitted, fit_anew, foretell_held_out};
 
 /// The most that a fit goes through all labels, as in the authors' code for Car Racing: few labels are soon known by heart.
 const MAX_EPOCHS: usize = 60;

@@ -6,7 +6,7 @@ use rand::SeedableRng as _;
 use rand_chacha::ChaCha8Rng;
 
 use crate::query::{LabeledQuery, SegmentRef};
-use crate::reward::{EpochReport, RewardConfig, RewardEnsemble, SegmentPair, Trainer};
+use crate::reward::{EpochReport, Figures, RewardConfig, RewardEnsemble, SegmentPair, Trainer};
 use crate::world_model::WorldModel;
 
 /// A reward that was learned to the end.
@@ -34,17 +34,45 @@ pub fn fit_anew<E>(
     mut on_epoch: impl FnMut(&EpochReport) -> ControlFlow<()>,
 ) -> Result<Option<Fitted>, E> {
     let rng = &mut ChaCha8Rng::seed_from_u64(seed);
-    let mut trainer =
-        Trainer::new(RewardEnsemble::new(model.config().n_features(), &model.hash(), config, rng));
-    let mut labels = labels.to_vec();
-    labels.sort_by_key(|labeled| labeled.query.id);
-    for LabeledQuery { query, label } in labels {
-        trainer.take_up(&SegmentPair { left: rows(query.left)?, right: rows(query.right)?, label });
-    }
+    let mut trainer = taught(model, config, labels, &mut rows, rng)?;
     let mut losses = Vec::new();
     let done = trainer.fit(rng, |report| {
         losses = report.losses.iter().map(|loss| *loss as f32).collect();
         on_epoch(report)
     });
     Ok(done.is_continue().then_some(Fitted { trainer, losses }))
+}
+
+/// How well an ensemble that [`fit_anew`] would fit to all but `fraction` of `labels` foretells those.
+///
+/// Nothing where there are too few answers to hold any out.
+pub fn foretell_held_out<E>(
+    model: &WorldModel,
+    config: RewardConfig,
+    seed: u64,
+    labels: &[LabeledQuery],
+    mut rows: impl FnMut(SegmentRef) -> Result<Vec<f32>, E>,
+    fraction: f64,
+) -> Result<Option<Figures>, E> {
+    let rng = &mut ChaCha8Rng::seed_from_u64(seed);
+    let trainer = taught(model, config, labels, &mut rows, rng)?;
+    Ok(trainer.held_out(fraction, rng, |_| ControlFlow::Continue(())))
+}
+
+/// A trainer that has taken up `labels` in the order of asking.
+fn taught<E>(
+    model: &WorldModel,
+    config: RewardConfig,
+    labels: &[LabeledQuery],
+    rows: &mut impl FnMut(SegmentRef) -> Result<Vec<f32>, E>,
+    rng: &mut ChaCha8Rng,
+) -> Result<Trainer, E> {
+    let ensemble = RewardEnsemble::new(model.config().n_features(), &model.hash(), config, rng);
+    let mut trainer = Trainer::new(ensemble);
+    let mut labels = labels.to_vec();
+    labels.sort_by_key(|labeled| labeled.query.id);
+    for LabeledQuery { query, label } in labels {
+        trainer.take_up(&SegmentPair { left: rows(query.left)?, right: rows(query.right)?, label });
+    }
+    Ok(trainer)
 }
