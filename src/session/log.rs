@@ -87,24 +87,31 @@ impl Log {
             log::warn!("the last line was cut short and is dropped: {torn:?}: {}", path.display());
         }
         if contents.unended {
-            log.write(b"\n").map_err(SessionError::disk("end the last line of the session log", path))?;
+            log.write(b"\n", true)
+                .map_err(SessionError::disk("end the last line of the session log", path))?;
         }
         Ok((log, contents))
     }
 
     /// Appends `event`; when this returns it is on disk, or the log is as it was.
+    ///
+    /// What was merely asked is on disk only with the next line that is not: by itself it is no loss, and waiting for
+    /// the disk twice an answer would be felt.
     pub fn append(&mut self, event: Event, at: u64) -> Result<Entry, SessionError> {
         let entry = Entry { event, seq: self.n_lines, at };
         let line = entry.to_line() + "\n";
-        self.write(line.as_bytes()).map_err(SessionError::disk("write to the session log", &self.path))?;
+        let can_wait = matches!(entry.event, Event::Asked { .. });
+        self.write(line.as_bytes(), !can_wait)
+            .map_err(SessionError::disk("write to the session log", &self.path))?;
         self.n_lines += 1;
         Ok(entry)
     }
 
-    fn write(&mut self, bytes: &[u8]) -> std::io::Result<()> {
+    fn write(&mut self, bytes: &[u8], is_synced: bool) -> std::io::Result<()> {
         self.clean()?;
         let written = self.file.seek(SeekFrom::Start(self.len)).and_then(|_| self.file.write_all(bytes));
-        if let Err(e) = written.and_then(|()| self.file.sync_data()) {
+        let synced = written.and_then(|()| if is_synced { self.file.sync_data() } else { Ok(()) });
+        if let Err(e) = synced {
             self.is_dirty = true;
             // Where this fails too, it is tried again before the next line and at the next start.
             self.clean().ok();

@@ -40,6 +40,13 @@ impl App {
                 (label.revisited, label.said, label.skipped) = (Some(id), None, None);
                 label.guided.clear();
             }
+            Command::Budget(budget) => label.budget = budget,
+            Command::BreakAfter(minutes) => label.break_minutes = minutes,
+            Command::PutOffBreak => label.pace.put_off(label.break_minutes),
+            Command::Glance(queries) => self.glance(&queries),
+            Command::ScrubClips(playhead) => {
+                (label.playhead, label.is_standing) = (playhead.clamp(0.0, SEGMENT_LEN as f64 - 0.01), true);
+            }
             Command::RestartClips => (label.playhead, label.is_standing) = (0.0, false),
             Command::PauseClips => label.is_standing = !label.is_standing,
             Command::StepClips(n) => {
@@ -58,13 +65,13 @@ impl App {
 
     fn answer(&mut self, response: Response) {
         // An answer counts only for clips that were seen.
-        let Some((query, since)) = self.state.label.shown else { return };
+        let Some((query, _)) = self.state.label.shown else { return };
         if !self.state.protocol().permits(&response)
             || self.state.current().is_none_or(|next| next.id != query)
         {
             return;
         }
-        let secs = (self.state.now - since).max(0.0) as f32;
+        let secs = self.state.label.pace.watched();
         let annotator = self.annotator();
         let answer =
             Answer { loops: self.state.label.loops, ..Answer::new(query, response, secs, &annotator) };
@@ -98,6 +105,7 @@ impl App {
         let label = &mut self.state.label;
         label.shown = current.filter(|id| label.pairs.contains_key(id)).map(|id| (id, self.state.now));
         (label.playhead, label.loops, label.is_standing) = (0.0, 0, false);
+        label.pace.begin(self.state.now);
     }
 
     fn answer_guided(&mut self, is_safe: bool) {

@@ -7,6 +7,7 @@ use eframe::egui::{Key, ThemePreference};
 use crate::env::controls::ControlConfig;
 use crate::query::{Justification, Protocol, QueryId, Response, SkipReason};
 use crate::ui::keys::Deed;
+use crate::ui::pace::Budget;
 
 /// A place in the window, in the order of the work.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, PartialOrd, Ord)]
@@ -166,12 +167,22 @@ pub enum Command {
     Flag,
     /// Answers this query again.
     Revisit(QueryId),
+    /// Sets how much is to be labeled.
+    Budget(Budget),
+    /// Suggests a pause after so many minutes of labeling; 0 is never.
+    BreakAfter(u32),
+    /// Says nothing of pauses for a while.
+    PutOffBreak,
+    /// Has thumbnails drawn of these queries.
+    Glance(Vec<QueryId>),
     /// Begins the clips anew.
     RestartClips,
     /// Stops the clips, or lets them go on.
     PauseClips,
     /// Moves the standing clips by so many frames.
     StepClips(i32),
+    /// Stops the clips here, in frames.
+    ScrubClips(f64),
     /// Makes the clips faster, or slower.
     Faster(bool),
 

@@ -61,6 +61,9 @@ impl App {
             }
         }
         let is_driving = self.state.is_driving() && !is_covered;
+        if !commands.is_empty() || ctx.input(|input| !input.events.is_empty()) {
+            self.state.label.pace.touch(self.state.now);
+        }
         let keys = &self.state.keys;
         ctx.input(|input| self.hands.hear(&input.events, keys, input.focused, is_driving));
         if self.state.is_driving() {
@@ -90,10 +93,13 @@ impl App {
                 let put = |frames: &[crate::env::Frame]| {
                     frames.iter().map(|frame| clip::texture(ctx, "clip", frame)).collect()
                 };
+                let (left, right) = (put(&left), put(&right));
                 self.state.label.asked.retain(|asked| *asked != query.id);
-                self.state.label.pairs.insert(query.id, Pair { left: put(&left), right: put(&right) });
+                self.keep_thumbnail(query.id, &left, &right);
+                self.state.label.pairs.insert(query.id, Pair { left, right });
                 self.forget_far_pairs();
             }
+            Report::Glance { query, frames } => self.glanced(ctx, query, &frames),
             Report::Learning(learning) => self.state.reward.hear(learning),
             Report::Learned { parameters, n_labels, fit } => self.learned(parameters, n_labels, fit),
             Report::Drove { seed, metrics } => {
@@ -268,8 +274,12 @@ impl App {
         if label.shown.map(|(id, _)| id) != ready {
             label.shown = ready.map(|id| (id, now));
             (label.playhead, label.loops, label.is_standing) = (0.0, 0, false);
+            label.pace.begin(now);
         }
-        if ready.is_some() && !label.is_standing {
+        if ready.is_some() {
+            label.pace.pass(now, ctx.input(|input| input.focused));
+        }
+        if ready.is_some() && !label.is_standing && !label.pace.is_away(now) {
             let dt = f64::from(ctx.input(|input| input.stable_dt)).min(0.25);
             label.playhead += dt * label.speed;
             let end = SEGMENT_LEN as f64 + REST;
@@ -294,7 +304,9 @@ impl App {
         if state.is_driving() {
             ctx.request_repaint_after(self.pace.max(Duration::from_millis(16)));
         }
-        if state.panel == Panel::Label && state.label.shown.is_some() && !state.label.is_standing {
+        let is_away = state.label.pace.is_away(state.now);
+        if state.panel == Panel::Label && state.label.shown.is_some() && !state.label.is_standing && !is_away
+        {
             ctx.request_repaint_after(self.pace.max(Duration::from_secs_f64(0.5 / state.label.speed)));
         }
         // Pads are read between two pictures, so there must be some; in software a picture costs too much for many.

@@ -240,6 +240,19 @@ pub(crate) fn pressed(ui: &Ui, key: Key) -> bool {
     ctx.input(|input| input.events.iter().any(|event| is_press(event, key)))
 }
 
+/// Whether Ctrl (on a Mac the command key) and `key` went down in this frame, with the shift key or without.
+pub(crate) fn chord(ui: &Ui, key: Key, shift: bool) -> bool {
+    let ctx = ui.ctx();
+    let is_live = ctx.data(|data| data.get_temp(Id::unique("keys are live")).unwrap_or(true));
+    let is_wanted = |event: &Event| match event {
+        Event::Key { key: found, pressed: true, repeat: false, modifiers, .. } => {
+            *found == key && modifiers.command && !modifiers.alt && modifiers.shift == shift
+        }
+        _ => false,
+    };
+    is_live && !ctx.text_edit_focused() && ctx.input(|input| input.events.iter().any(is_wanted))
+}
+
 fn is_press(event: &Event, wanted: Key) -> bool {
     match event {
         Event::Key { key, pressed: true, repeat: false, modifiers, .. } => {

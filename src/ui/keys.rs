@@ -32,6 +32,7 @@ pub enum Deed {
     No,
     Skip,
     Undo,
+    Restore,
     Flag,
     Answers,
     Guide,
@@ -45,7 +46,7 @@ pub enum Deed {
 
 impl Deed {
     /// All of them, those of driving first.
-    pub(crate) const ALL: [Self; 30] = [
+    pub(crate) const ALL: [Self; 31] = [
         Self::SteerLeft,
         Self::SteerRight,
         Self::Gas,
@@ -67,6 +68,7 @@ impl Deed {
         Self::No,
         Self::Skip,
         Self::Undo,
+        Self::Restore,
         Self::Flag,
         Self::Answers,
         Self::Guide,
@@ -102,6 +104,7 @@ impl Deed {
             Self::No => ("it becomes unsafe", &[Key::N]),
             Self::Skip => ("skip", &[Key::Space]),
             Self::Undo => ("undo", &[Key::Backspace]),
+            Self::Restore => ("redo", &[Key::R]),
             Self::Flag => ("flag", &[Key::F]),
             Self::Answers => ("list of answers", &[Key::L]),
             Self::Guide => ("one question at a time", &[Key::G]),

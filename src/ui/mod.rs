@@ -11,11 +11,13 @@ mod dialog;
 mod hear;
 mod input;
 mod keys;
+mod pace;
 mod panels;
 mod preferences;
 mod rebind;
 mod sessions;
 mod state;
+mod thumbnails;
 mod toasts;
 mod tokens;
 mod widgets;
@@ -27,6 +29,7 @@ use std::time::Duration;
 use eframe::egui::{self, Context, ViewportBuilder};
 use eframe::{CreationContext, wgpu};
 
+use crate::query::QueryId;
 use crate::session::SessionStore;
 use crate::tensor::Parameters;
 use crate::worker::{Report, Reports};
@@ -35,6 +38,7 @@ pub use command::{Command, Field, Panel};
 pub use crew::{Crew, Order, Plans, Slots, Threads};
 pub use input::{Gilrs, InputSource, NoPads, PadButton, PadEvent, system_pads};
 pub use keys::{Deed, Keys};
+pub use pace::Budget;
 pub use state::{DreamStart, LoadedWorld};
 
 use dialog::Dialog;
@@ -185,6 +189,17 @@ impl App {
     /// Which keys do what: for tests.
     pub fn keys(&self) -> &Keys {
         &self.state.keys
+    }
+
+    /// The query whose clips are on the screen: for tests and benches.
+    pub fn shown(&self) -> Option<QueryId> {
+        self.state.label.shown.map(|(query, _)| query)
+    }
+
+    /// How many of the queries that come next are ready to be shown, one after the other: for tests and benches.
+    pub fn n_ready(&self) -> usize {
+        let pairs = &self.state.label.pairs;
+        self.state.upcoming().iter().take_while(|query| pairs.contains_key(&query.id)).count()
     }
 
     /// The session that is open: for tests.

@@ -7,7 +7,8 @@ use serde::{Deserialize, Serialize};
 use crate::env::controls::ControlConfig;
 use crate::ui::command::Field;
 use crate::ui::keys::Keys;
-use crate::ui::state::{NORMAL_SPEED, State};
+use crate::ui::pace::Budget;
+use crate::ui::state::{BREAK_MINUTES, NORMAL_SPEED, State};
 
 /// The name under which the system keeps it.
 const NAME: &str = "preferences";
@@ -23,6 +24,8 @@ pub(crate) struct Preferences {
     clip_speed: f64,
     is_guided: bool,
     annotator: String,
+    budget: Budget,
+    break_minutes: u32,
 }
 
 impl Default for Preferences {
@@ -34,6 +37,8 @@ impl Default for Preferences {
             clip_speed: NORMAL_SPEED,
             is_guided: false,
             annotator: String::new(),
+            budget: Budget::default(),
+            break_minutes: BREAK_MINUTES,
         }
     }
 }
@@ -53,6 +58,8 @@ impl Preferences {
             clip_speed: state.label.speed,
             is_guided: state.label.is_guided,
             annotator: state.field(Field::Annotator).to_owned(),
+            budget: state.label.budget,
+            break_minutes: state.label.break_minutes,
         }
     }
 
@@ -61,6 +68,7 @@ impl Preferences {
         ctx.set_theme(self.theme);
         (state.theme, state.keys, state.controls) = (self.theme, self.keys, self.controls.clamped());
         (state.label.speed, state.label.is_guided) = (self.clip_speed.clamp(5.0, 100.0), self.is_guided);
+        (state.label.budget, state.label.break_minutes) = (self.budget, self.break_minutes);
         state.fields.insert(Field::Annotator, self.annotator);
     }
 

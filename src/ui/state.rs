@@ -1,6 +1,6 @@
 //! What the window shows: panels read it, only the app changes it.
 
-use std::collections::{BTreeMap, VecDeque};
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::path::PathBuf;
 
 use eframe::egui::{TextureHandle, ThemePreference};
@@ -14,6 +14,7 @@ use crate::session::{DreamJournal, Header, Session, SessionStore, UnfinishedDrea
 use crate::tensor::Parameters;
 use crate::ui::command::{Command, Field, Panel};
 use crate::ui::keys::{Keys, Rebinding};
+use crate::ui::pace::{Budget, Pace};
 use crate::ui::widgets::clip::Clip;
 use crate::worker::{DriveView, Learning, LiveView};
 use crate::world_model::LatentState;
@@ -220,6 +221,10 @@ pub(crate) struct Labeling {
     pub pairs: BTreeMap<QueryId, Pair>,
     /// Queries whose clips have been asked for.
     pub asked: Vec<QueryId>,
+    /// A picture of either clip, of queries that were on the screen or in the list of answers.
+    pub thumbnails: BTreeMap<QueryId, [TextureHandle; 2]>,
+    /// Queries whose thumbnails have been asked for.
+    pub glanced: BTreeSet<QueryId>,
     /// Where the clips are, in frames.
     pub playhead: f64,
     /// How often they were seen to their end.
@@ -241,10 +246,18 @@ pub(crate) struct Labeling {
     pub said: Option<String>,
     /// The query that was skipped just now, which can still be given a reason.
     pub skipped: Option<QueryId>,
+    /// How much is to be labeled.
+    pub budget: Budget,
+    /// Minutes of labeling after which a pause is suggested; 0 is never.
+    pub break_minutes: u32,
+    /// The clock of whoever labels.
+    pub pace: Pace,
 }
 
 /// Frames a second at which clips are played at first: as they were driven.
 pub(crate) const NORMAL_SPEED: f64 = 25.0;
+/// Minutes of labeling after which a pause is suggested at first.
+pub(crate) const BREAK_MINUTES: u32 = 25;
 
 impl Default for Labeling {
     fn default() -> Self {
@@ -254,6 +267,8 @@ impl Default for Labeling {
             shown: None,
             pairs: BTreeMap::new(),
             asked: Vec::new(),
+            thumbnails: BTreeMap::new(),
+            glanced: BTreeSet::new(),
             playhead: 0.0,
             loops: 0,
             is_standing: false,
@@ -265,6 +280,9 @@ impl Default for Labeling {
             justification: None,
             said: None,
             skipped: None,
+            budget: Budget::default(),
+            break_minutes: BREAK_MINUTES,
+            pace: Pace::default(),
         }
     }
 }
@@ -272,7 +290,8 @@ impl Default for Labeling {
 impl Labeling {
     /// For another session: what the annotator likes stays.
     pub(crate) fn anew(&self) -> Self {
-        Self { speed: self.speed, is_guided: self.is_guided, ..Self::default() }
+        let Self { speed, is_guided, budget, break_minutes, ref pace, .. } = *self;
+        Self { speed, is_guided, budget, break_minutes, pace: pace.clone(), ..Self::default() }
     }
 }
 

@@ -12,6 +12,8 @@ use crate::worker::{ClipperCommand, Report, Reports, Worker, one_thread};
 use crate::world_model::WorldModel;
 
 const NAME: &str = "clipper";
+/// Which picture of a clip stands for it in a list.
+pub const MIDDLE: usize = SEGMENT_LEN / 2;
 
 /// Starts a thread that draws the clips of queries as `model` sees them.
 pub fn spawn(model: Parameters, reports: &Reports) -> Worker<ClipperCommand> {
@@ -32,6 +34,10 @@ pub fn clip(commands: &Receiver<ClipperCommand>, reports: &Reports, model: Param
                 Ok((left, right)) => reports.send(Report::Clips { query, left, right }),
                 Err(e) => reports.fail(NAME, e),
             },
+            ClipperCommand::Glance(query) => match glance(&model, &dreams, query) {
+                Ok(frames) => reports.send(Report::Glance { query, frames }),
+                Err(e) => reports.fail(NAME, e),
+            },
         }
     }
     Ok(())
@@ -48,6 +54,22 @@ fn decode(
     let mut left = model.decode(&from_slice(&zs, &[2 * SEGMENT_LEN as i64, -1]));
     let right = left.split_off(SEGMENT_LEN);
     Ok((left, right))
+}
+
+/// The picture in the middle of each clip.
+fn glance(
+    model: &WorldModel,
+    dreams: &HashMap<DreamId, Arc<DreamEpisode>>,
+    query: Query,
+) -> Result<[Frame; 2], String> {
+    let mut zs = Vec::new();
+    for segment in [query.left, query.right] {
+        let rows = latents(dreams, segment)?;
+        let width = rows.len() / SEGMENT_LEN;
+        zs.extend_from_slice(&rows[MIDDLE * width..(MIDDLE + 1) * width]);
+    }
+    let frames = model.decode(&from_slice(&zs, &[2, -1]));
+    frames.try_into().map_err(|_| "two latents are two pictures".to_owned())
 }
 
 /// The latents of a segment, row after row.

@@ -160,6 +160,8 @@ pub enum ClipperCommand {
     AddDream(DreamId, Arc<DreamEpisode>),
     /// Decodes both segments of a query.
     Decode(Query),
+    /// Decodes one picture of either segment, for a list.
+    Glance(Query),
 }
 
 /// Learns a reward while answers come in.
@@ -252,6 +254,13 @@ pub enum Report {
         left: Vec<Frame>,
         /// Twenty pictures.
         right: Vec<Frame>,
+    },
+    /// A query's thumbnails are ready.
+    Glance {
+        /// Which.
+        query: Query,
+        /// From the middle of the left clip, and of the right one.
+        frames: [Frame; 2],
     },
     /// The reward has learned a little.
     Learning(Learning),

@@ -8,6 +8,7 @@
 
 mod journeys;
 mod keys;
+mod labeling;
 
 use std::path::Path;
 use std::sync::{Arc, Mutex};

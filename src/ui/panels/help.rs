@@ -34,6 +34,7 @@ const LABELING: Rows = &[
     (&[Deed::Yes, Deed::No], "it stays safe, or not"),
     (&[Deed::Skip], "skip, then 1 2 3 for why"),
     (&[Deed::Undo], "undo, without limit"),
+    (&[Deed::Restore], "redo what was undone"),
     (&[Deed::Flag], "flag"),
     (&[Deed::Answers], "list of answers"),
     (&[Deed::Restart], "clips from the start"),
@@ -57,7 +58,7 @@ pub(super) fn help_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
                 keys_ui(&mut columns[1], state, "Labeling", LABELING, commands);
             });
             ui.add_space(GAP);
-            ui.label(tokens::small(ui, "Ctrl and 1 to 6 go to a panel. A gamepad drives with its left stick and triggers: Y keeps, X redoes, A marks, Start pauses, B leaves. Labeling: shoulders and cross, B skips, Back undoes."));
+            ui.label(tokens::small(ui, "Ctrl and 1 to 6 go to a panel; Ctrl+Z undoes an answer, Ctrl+Shift+Z or Ctrl+Y gives it back. A gamepad drives with its left stick and triggers: Y keeps, X redoes, A marks, Start pauses, B leaves. Labeling: shoulders and cross, B skips, Back undoes."));
             ui.add_space(GAP);
             ui.label(tokens::small(ui, format!("dropj {} · drawn by {}", env!("CARGO_PKG_VERSION"), state.adapter)));
         });

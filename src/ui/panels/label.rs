@@ -1,18 +1,18 @@
 //! Two clips, and one key for what a person says about them.
 
-use eframe::egui::{Align, Key, Layout, Rect, Ui, UiBuilder, pos2, vec2};
+use eframe::egui::{Align, Key, Layout, Rect, RichText, Ui, UiBuilder, pos2, vec2};
 
 use crate::query::{
     Justification, Preference, Protocol, QueryId, Response, SEGMENT_LEN, SafetyAnswer, SkipReason,
 };
-use crate::session::Session;
 use crate::ui::answer::PREFERENCES;
 use crate::ui::command::{Command, Panel};
 use crate::ui::input;
 use crate::ui::keys::Deed;
 use crate::ui::panels::answers;
+use crate::ui::panels::progress::progress_ui;
 use crate::ui::state::{NORMAL_SPEED, State};
-use crate::ui::tokens::{self, CONTROL, GAP};
+use crate::ui::tokens::{self, CONTROL, GAP, Tokens};
 use crate::ui::widgets::clip::{Rim, picture_ui, timeline_ui};
 use crate::ui::widgets::keycap::{KeyButton, Tone};
 use crate::ui::widgets::layout::{heading, with_side};
@@ -40,7 +40,7 @@ pub(super) fn label_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) 
 }
 
 /// The width of the list of answers.
-const LIST: f32 = 240.0;
+const LIST: f32 = 264.0;
 /// The height of a row of answers.
 const ANSWER: f32 = CONTROL + 8.0;
 
@@ -48,12 +48,26 @@ const ANSWER: f32 = CONTROL + 8.0;
 fn is_list_shown(ui: &Ui, state: &State) -> bool {
     let room = ui.available_size();
     let beside = (room.x - LIST - 3.0 * GAP) / 2.0;
-    state.label.is_list_open || beside >= 0.95 * (room.y - around(state))
+    state.label.is_list_open || beside >= 0.95 * (room.y - around(state, room.x))
 }
 
-/// The room that everything but the clips takes from top to bottom.
-fn around(state: &State) -> f32 {
-    70.0 + 34.0 + rows(state) as f32 * (ANSWER + 8.0) + CONTROL + 14.0
+/// The room that everything but the clips takes from top to bottom, in a panel so wide.
+fn around(state: &State, width: f32) -> f32 {
+    let playback = if is_wide(width) { 0.0 } else { PLAYBACK + ROW_GAP };
+    let timeline = 16.0 + ROW_GAP;
+    HEAD + timeline + playback + rows(state) as f32 * (ANSWER + ROW_GAP) + CONTROL + ROW_GAP
+}
+
+/// The height of the question, and of the line under it.
+const HEAD: f32 = 28.0 + 24.0 + 2.0 * ROW_GAP;
+/// The height of a row of small buttons.
+const PLAYBACK: f32 = 26.0;
+/// Between two rows.
+const ROW_GAP: f32 = 6.0;
+
+/// Whether one row at the foot holds everything, so that the clips can be higher.
+fn is_wide(width: f32) -> bool {
+    width >= 960.0
 }
 
 /// What is asked now.
@@ -75,12 +89,13 @@ fn question(state: &State) -> &'static str {
 fn query_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
     let label = &state.label;
     let room = ui.available_size();
-    let side = ((room.x - GAP) / 2.0).min(room.y - around(state)).max(100.0);
+    let side = ((room.x - GAP) / 2.0).min(room.y - around(state, room.x)).max(100.0);
     let left = ui.cursor().left() + (room.x - 2.0 * side - GAP).max(0.0) / 2.0;
     let columns = Rect::from_min_size(pos2(left, ui.cursor().top()), vec2(2.0 * side + GAP, room.y));
     let shown = label.shown.map(|(id, _)| id);
     let pair = shown.and_then(|id| label.pairs.get(&id));
     let layout = Layout::top_down(Align::Min);
+    ui.spacing_mut().item_spacing.y = ROW_GAP;
     ui.scope_builder(UiBuilder::new().max_rect(columns).layout(layout), |ui| {
         head_ui(ui, state, commands);
         let frame = (label.playhead as usize).min(SEGMENT_LEN - 1);
@@ -94,40 +109,46 @@ fn query_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
             picture_ui(ui, left.as_ref(), vec2(side, side), "Left clip", empty, left_rim);
             picture_ui(ui, right.as_ref(), vec2(side, side), "Right clip", empty, right_rim);
         });
-        playback_ui(ui, state, frame, commands);
+        let width = ui.available_width();
+        if let Some(playhead) = timeline_ui(ui, frame, SEGMENT_LEN, width) {
+            commands.push(Command::ScrubClips(playhead));
+        }
+        if !is_wide(room.x) {
+            ui.allocate_ui_with_layout(
+                vec2(ui.available_width(), PLAYBACK),
+                Layout::right_to_left(Align::Center),
+                |ui| playback_ui(ui, state, commands),
+            );
+        }
         answers_ui(ui, state, pair.is_some(), commands);
-        foot_ui(ui, state, shown, commands);
+        if !is_wide(room.x) {
+            foot_ui(ui, state, shown, false, commands);
+        }
     });
+    if is_wide(room.x) {
+        foot_ui(ui, state, shown, true, commands);
+    }
     keys(ui, state, commands);
 }
 
 /// The question, what was said last, and how far one is.
 fn head_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
     let label = &state.label;
-    ui.horizontal(|ui| {
-        ui.label(tokens::title(question(state)));
+    let row = |height| (vec2(ui.available_width(), height), Layout::left_to_right(Align::Center));
+    let (asked, told) = (row(28.0), row(24.0));
+    ui.allocate_ui_with_layout(asked.0, asked.1, |ui| {
+        ui.label(RichText::new(question(state)).size(18.0).color(Tokens::of(ui).text));
         ui.with_layout(Layout::right_to_left(Align::Center), |ui| protocol_ui(ui, state, commands));
     });
     // What was said last stays where the eye is, and its room stays where nothing was said.
-    ui.allocate_ui_with_layout(
-        vec2(ui.available_width(), 28.0),
-        Layout::left_to_right(Align::Center),
-        |ui| {
-            if label.skipped.is_some() {
-                reasons_ui(ui, state.protocol(), commands);
-            } else {
-                ui.label(tokens::muted(ui, label.said.as_deref().unwrap_or(" ")));
-            }
-            let statistics = state.session().map(Session::statistics).unwrap_or_default();
-            let per_hour = statistics.labels_per_hour().filter(|_| statistics.n_answered >= 3);
-            let per_hour = per_hour.map_or_else(String::new, |n| format!(" · {n:.0} an hour"));
-            let (n_answered, n_skipped) = (statistics.n_answered, statistics.n_skipped);
-            ui.with_layout(Layout::right_to_left(Align::Center), |ui| {
-                ui.label(tokens::small(ui, format!("{n_answered} answered · {n_skipped} skipped{per_hour}")));
-            });
-        },
-    );
-    ui.add_space(4.0);
+    ui.allocate_ui_with_layout(told.0, told.1, |ui| {
+        if label.skipped.is_some() {
+            reasons_ui(ui, state.protocol(), commands);
+        } else {
+            ui.label(tokens::muted(ui, label.said.as_deref().unwrap_or(" ")));
+        }
+        ui.with_layout(Layout::right_to_left(Align::Center), |ui| progress_ui(ui, state, commands));
+    });
 }
 
 /// Which questions are asked, and which else could be.
@@ -144,32 +165,21 @@ fn protocol_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
     menu.response.on_hover_text("Ask other questions from here on");
 }
 
-/// Where the clips are, and what moves them.
-fn playback_ui(ui: &mut Ui, state: &State, frame: usize, commands: &mut Vec<Command>) {
+/// What moves the clips, from the right to the left.
+fn playback_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
     let label = &state.label;
-    ui.allocate_ui_with_layout(
-        vec2(ui.available_width(), 26.0),
-        Layout::right_to_left(Align::Center),
-        |ui| {
-            ui.spacing_mut().item_spacing.x = 4.0;
-            let name = if label.is_standing { "Play" } else { "Pause" };
-            let speed = format!("{:.1} ×", label.speed / NORMAL_SPEED);
-            for (name, deed, command) in [
-                ("Faster", Deed::Faster, Command::Faster(true)),
-                ("Slower", Deed::Slower, Command::Faster(false)),
-                ("Again", Deed::Restart, Command::RestartClips),
-                (name, Deed::PauseClips, Command::PauseClips),
-            ] {
-                if KeyButton::new(name).key(state.keys.of(deed)).tone(Tone::Quiet).small().show(ui).clicked()
-                {
-                    commands.push(command);
-                }
-            }
-            ui.label(tokens::small(ui, speed));
-            let width = ui.available_width() - 8.0;
-            timeline_ui(ui, frame, SEGMENT_LEN, width);
-        },
-    );
+    ui.spacing_mut().item_spacing.x = 4.0;
+    let name = if label.is_standing { "Play" } else { "Pause" };
+    let button = |ui: &mut Ui, name: &str, deed: Deed, command: Command, commands: &mut Vec<Command>| {
+        if KeyButton::new(name).key(state.keys.of(deed)).tone(Tone::Quiet).small().show(ui).clicked() {
+            commands.push(command);
+        }
+    };
+    button(ui, "Faster", Deed::Faster, Command::Faster(true), commands);
+    ui.label(tokens::small(ui, format!("{:.1} ×", label.speed / NORMAL_SPEED)));
+    button(ui, "Slower", Deed::Slower, Command::Faster(false), commands);
+    button(ui, "Again", Deed::Restart, Command::RestartClips, commands);
+    button(ui, name, Deed::PauseClips, Command::PauseClips, commands);
 }
 
 /// How many rows of answers there are.
@@ -271,25 +281,39 @@ fn justifications_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) ->
 }
 
 /// Skipping, undoing, and why the last one was skipped.
-fn foot_ui(ui: &mut Ui, state: &State, shown: Option<QueryId>, commands: &mut Vec<Command>) {
+fn foot_ui(
+    ui: &mut Ui,
+    state: &State,
+    shown: Option<QueryId>,
+    has_playback: bool,
+    commands: &mut Vec<Command>,
+) {
     let session = state.session();
     let is_flagged = shown.and_then(|id| session?.query(id)).is_some_and(|asked| asked.is_flagged);
     let can_undo =
         !state.label.guided.is_empty() || session.is_some_and(|session| session.undoable().is_some());
+    let can_redo = session.is_some_and(|session| session.redoable().is_some());
     ui.horizontal(|ui| {
         ui.spacing_mut().item_spacing.x = 4.0;
         let (name, tone) = if is_flagged { ("Flagged", Tone::Chosen) } else { ("Flag", Tone::Quiet) };
         for (name, deed, tone, is_enabled, command) in [
             ("Skip", Deed::Skip, Tone::Quiet, shown.is_some(), Command::Answer(Response::Skipped(None))),
             ("Undo", Deed::Undo, Tone::Quiet, can_undo, Command::Undo),
+            ("Redo", Deed::Restore, Tone::Quiet, can_redo, Command::Redo),
             (name, Deed::Flag, tone, shown.is_some(), Command::Flag),
         ] {
             let button = KeyButton::new(name).key(state.keys.of(deed)).tone(tone);
-            if button.enabled(is_enabled).is_pressed(ui) {
+            if button.small().enabled(is_enabled).is_pressed(ui) {
                 commands.push(command);
             }
         }
-        ui.with_layout(Layout::right_to_left(Align::Center), |ui| modes_ui(ui, state, commands));
+        ui.with_layout(Layout::right_to_left(Align::Center), |ui| {
+            modes_ui(ui, state, commands);
+            if has_playback {
+                ui.add_space(GAP);
+                playback_ui(ui, state, commands);
+            }
+        });
     });
 }
 
@@ -341,5 +365,12 @@ fn keys(ui: &Ui, state: &State, commands: &mut Vec<Command>) {
         if state.label.shown.is_some() && input::pressed(ui, state.keys.of(deed)) {
             commands.push(command);
         }
+    }
+    // What every program does by these.
+    if input::chord(ui, Key::Z, false) {
+        commands.push(Command::Undo);
+    }
+    if input::chord(ui, Key::Z, true) || input::chord(ui, Key::Y, false) {
+        commands.push(Command::Redo);
     }
 }

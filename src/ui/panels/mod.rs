@@ -5,6 +5,7 @@ mod deploy;
 mod dream;
 mod help;
 mod label;
+mod progress;
 mod rail;
 mod record;
 mod reward;
@@ -35,7 +36,9 @@ pub(super) fn window_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>)
         .show_separator_line(false)
         .frame(frame(tokens.rail, Margin::symmetric(12, 16)))
         .show(ui, |ui| rail::rail_ui(ui, state, commands));
-    CentralPanel::default().frame(frame(tokens.background, Margin::same(PAD as i8))).show(
+    // Where clips are judged, room for them counts more than air.
+    let air = if state.panel == Panel::Label { PAD as i8 / 2 } else { PAD as i8 };
+    CentralPanel::default().frame(frame(tokens.background, Margin::symmetric(PAD as i8, air))).show(
         ui,
         |ui| match state.panel {
             Panel::Record => record::record_ui(ui, state, commands),

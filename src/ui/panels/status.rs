@@ -7,6 +7,7 @@ use eframe::egui::{
 
 use crate::ui::act::counted;
 use crate::ui::command::Command;
+use crate::ui::panels::progress;
 use crate::ui::state::{State, ToastKind};
 use crate::ui::tokens::{self, CORNER, Tokens};
 use crate::ui::widgets::keycap::{KeyButton, Tone, keycap};
@@ -32,6 +33,7 @@ pub(super) fn status_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>)
         for pad in &state.pads {
             ui.label(tokens::small(ui, pad.as_str()));
         }
+        progress::break_ui(ui, state, commands);
         ui.with_layout(Layout::right_to_left(Align::Center), |ui| {
             ui.spacing_mut().item_spacing.x = 6.0;
             if quiet_ui(ui, "Keys and help").on_hover_text("Every key of every panel").clicked() {

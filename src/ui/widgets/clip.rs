@@ -3,8 +3,8 @@
 use std::cmp::Ordering;
 
 use eframe::egui::{
-    Align2, Color32, ColorImage, Context, CornerRadius, FontId, Rect, Response, Role, Sense, Stroke,
-    StrokeKind, TextureHandle, TextureOptions, Ui, Vec2, WidgetInfo, epaint::RectShape, pos2, vec2,
+    Align2, Color32, ColorImage, Context, CornerRadius, CursorIcon, FontId, Rect, Response, Role, Sense,
+    Stroke, StrokeKind, TextureHandle, TextureOptions, Ui, Vec2, WidgetInfo, epaint::RectShape, pos2, vec2,
 };
 
 use crate::env::Frame;
@@ -103,18 +103,20 @@ pub(crate) fn paint_picture(ui: &Ui, picture: Option<&TextureHandle>, rect: Rect
     painter.rect_stroke(rect, corner, Stroke::new(width, color), StrokeKind::Outside);
 }
 
-/// A short line under a pair of clips: one tick a frame, those played brighter.
-pub(crate) fn timeline_ui(ui: &mut Ui, frame: usize, n: usize, width: f32) -> Response {
+/// A line under clips: one tick a frame, those played brighter; where it is dragged or clicked, the frame that is
+/// pointed at.
+pub(crate) fn timeline_ui(ui: &mut Ui, frame: usize, n: usize, width: f32) -> Option<f64> {
     let tokens = Tokens::of(ui);
-    let (rect, response) = ui.allocate_exact_size(vec2(width, 10.0), Sense::hover());
-    response.widget_info(|| {
-        WidgetInfo::labeled(Role::ProgressIndicator, true, format!("Frame {} of {n}", frame + 1))
-    });
+    // Not to be reached with Tab: there are keys for a frame back and on, and the focus would take the arrows.
+    let (rect, response) = ui.allocate_exact_size(vec2(width, 16.0), Sense::CLICK | Sense::DRAG);
+    response.widget_info(|| WidgetInfo::labeled(Role::Slider, true, format!("Frame {} of {n}", frame + 1)));
+    let is_hot = response.hovered() || response.dragged();
+    let half = if is_hot { 4.0 } else { 2.0 };
     let step = rect.width() / n.max(1) as f32;
     for i in 0..n {
         let tick = Rect::from_min_size(
-            pos2(rect.left() + i as f32 * step + 1.0, rect.center().y - 2.0),
-            vec2((step - 2.0).max(1.0), 4.0),
+            pos2(rect.left() + i as f32 * step + 1.0, rect.center().y - half),
+            vec2((step - 2.0).max(1.0), 2.0 * half),
         );
         let color = match i.cmp(&frame) {
             Ordering::Equal => tokens.accent,
@@ -123,5 +125,7 @@ pub(crate) fn timeline_ui(ui: &mut Ui, frame: usize, n: usize, width: f32) -> Re
         };
         ui.painter().rect_filled(tick, CornerRadius::same(2), color);
     }
-    response
+    let response = response.on_hover_cursor(CursorIcon::ResizeHorizontal);
+    let at = response.interact_pointer_pos().filter(|_| response.dragged() || response.clicked())?;
+    Some(f64::from((at.x - rect.left()) / step).clamp(0.0, n as f64 - 0.01))
 }

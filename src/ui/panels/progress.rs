@@ -1,0 +1,61 @@
+//! How far labeling is against a budget, which can be changed here, and a word about pauses.
+
+use eframe::egui::containers::menu::MenuButton;
+use eframe::egui::{Button, CornerRadius, Rect, Role, Sense, Ui, WidgetInfo, vec2};
+
+use crate::session::Session;
+use crate::ui::command::Command;
+use crate::ui::pace::Budget;
+use crate::ui::state::{BREAK_MINUTES, State};
+use crate::ui::tokens::{self, Tokens};
+
+/// How far one is, how fast, and how long it will take; a click sets another budget.
+pub(super) fn progress_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
+    let so_far = state.session().map(Session::statistics).unwrap_or_default();
+    let budget = state.label.budget;
+    let button = Button::new(tokens::small(ui, budget.say(&so_far))).frame(false);
+    let (menu, _) = MenuButton::from_button(button).ui(ui, |ui| {
+        ui.label(tokens::small(ui, "Label so much"));
+        for offered in Budget::ALL {
+            if ui.selectable_label(offered == budget, offered.name()).clicked() {
+                commands.push(Command::Budget(offered));
+                ui.close();
+            }
+        }
+        ui.separator();
+        let most = state.label.break_minutes;
+        let mut is_hinting = most > 0;
+        if ui.checkbox(&mut is_hinting, format!("Suggest a pause after {BREAK_MINUTES} minutes")).changed() {
+            commands.push(Command::BreakAfter(if is_hinting { BREAK_MINUTES } else { 0 }));
+        }
+    });
+    let skipped =
+        format!("{} answered, {} skipped, {} flagged", so_far.n_answered, so_far.n_skipped, so_far.n_flagged);
+    menu.on_hover_text(format!(
+        "{skipped}.\nTime in which nobody is there does not count.\nClick to label more or less."
+    ));
+    bar_ui(ui, budget.share(&so_far));
+}
+
+/// A short bar.
+fn bar_ui(ui: &mut Ui, share: f32) {
+    let tokens = Tokens::of(ui);
+    let (rect, response) = ui.allocate_exact_size(vec2(72.0, 4.0), Sense::hover());
+    response.widget_info(|| {
+        WidgetInfo::labeled(Role::ProgressIndicator, true, format!("{:.0} % done", 100.0 * share))
+    });
+    ui.painter().rect_filled(rect, CornerRadius::same(2), tokens.border);
+    let filled = Rect::from_min_size(rect.min, vec2(rect.width() * share, rect.height()));
+    let color = if share < 1.0 { tokens.accent } else { tokens.good };
+    ui.painter().rect_filled(filled, CornerRadius::same(2), color);
+}
+
+/// A hint that a pause would do good, where one would: quiet, and gone once it is put off.
+pub(super) fn break_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
+    let Some(minutes) = state.label.pace.overdue(state.label.break_minutes) else { return };
+    ui.label(tokens::small(ui, format!("{minutes} minutes of labeling: a short pause keeps answers good")));
+    let text = tokens::small(ui, "Not now");
+    if ui.add(Button::new(text).frame(false)).clicked() {
+        commands.push(Command::PutOffBreak);
+    }
+}
