@@ -16,28 +16,28 @@ pub const PARTIAL: &str = "partial";
 #[derive(Debug, thiserror::Error)]
 pub enum RunError {
     /// The disk refused.
-    #[error("cannot {doing} ({source}); is the disk full, or the folder not yours? {path:?}")]
+    #[error("cannot {doing}: {met}: {path:?}")]
     Disk {
         /// What was tried.
         doing: &'static str,
         /// What was met.
-        source: io::Error,
+        met: io::Error,
         /// Where.
         path: PathBuf,
     },
     /// A note cannot be read.
-    #[error("cannot read the job's note: {source}; begin the job anew {path:?}")]
+    #[error("cannot read the job's note: {met}; begin the job anew, without `--resume`: {path:?}")]
     Note {
         /// Why.
-        source: serde_json::Error,
+        met: serde_json::Error,
         /// Where.
         path: PathBuf,
     },
     /// A checkpoint cannot be read.
-    #[error("cannot read the checkpoint: {source} {path:?}")]
+    #[error("{met}: {path:?}")]
     Checkpoint {
         /// Why.
-        source: ParametersError,
+        met: ParametersError,
         /// Where.
         path: PathBuf,
     },
@@ -67,21 +67,21 @@ pub fn sync_folder(path: &Path) -> io::Result<()> {
 
 /// Writes a file whole, as [`replace_file`] does, with an error that says what and where.
 pub fn write_whole(path: &Path, bytes: &[u8]) -> Result<(), RunError> {
-    replace_file(path, bytes).map_err(|source| RunError::Disk {
+    replace_file(path, bytes).map_err(|met| RunError::Disk {
         doing: "write the file",
-        source,
+        met,
         path: path.to_owned(),
     })
 }
 
 /// Reads safetensors.
 pub fn read_parameters(path: &Path) -> Result<Parameters, RunError> {
-    let bytes = fs::read(path).map_err(|source| RunError::Disk {
+    let bytes = fs::read(path).map_err(|met| RunError::Disk {
         doing: "read the parameters",
-        source,
+        met,
         path: path.to_owned(),
     })?;
-    Parameters::from_bytes(bytes).map_err(|source| RunError::Checkpoint { source, path: path.to_owned() })
+    Parameters::from_bytes(bytes).map_err(|met| RunError::Checkpoint { met, path: path.to_owned() })
 }
 
 /// The folder of one job.
@@ -93,7 +93,7 @@ pub struct Run {
 impl Run {
     /// The folder at `dir`, made if need be; without `resume` what an earlier job left in it is removed.
     pub fn open(dir: &Path, resume: bool) -> Result<Self, RunError> {
-        let failed = |doing| move |source| RunError::Disk { doing, source, path: dir.to_owned() };
+        let failed = |doing| move |met| RunError::Disk { doing, met, path: dir.to_owned() };
         if !resume && dir.exists() {
             fs::remove_dir_all(dir).map_err(failed("clear the folder of the job"))?;
         }
@@ -117,10 +117,8 @@ impl Run {
         let path = self.dir.join(format!("{name}.json"));
         match fs::read(&path) {
             Err(e) if e.kind() == ErrorKind::NotFound => Ok(None),
-            Err(source) => Err(RunError::Disk { doing: "read the job's note", source, path }),
-            Ok(text) => {
-                serde_json::from_slice(&text).map(Some).map_err(|source| RunError::Note { source, path })
-            }
+            Err(met) => Err(RunError::Disk { doing: "read the job's note", met, path }),
+            Ok(text) => serde_json::from_slice(&text).map(Some).map_err(|met| RunError::Note { met, path }),
         }
     }
 
@@ -141,6 +139,6 @@ impl Run {
         let mut line = serde_json::to_string(metrics).unwrap_or_else(|e| unreachable!("plain numbers: {e}"));
         line.push('\n');
         let append = || OpenOptions::new().append(true).create(true).open(&path)?.write_all(line.as_bytes());
-        append().map_err(|source| RunError::Disk { doing: "log metrics", source, path: path.clone() })
+        append().map_err(|met| RunError::Disk { doing: "log metrics", met, path: path.clone() })
     }
 }

@@ -158,7 +158,10 @@ pub enum SessionError {
         path: PathBuf,
     },
     /// The session's world model is nowhere to be found.
-    #[error("cannot find the world model {hash} of this session: {path:?}")]
+    #[error(
+        "cannot find the world model {hash} of this session; put it there as world_model.safetensors, or give it with \
+         --world: {path:?}"
+    )]
     NoWorldModel {
         /// The hash in the session.
         hash: String,

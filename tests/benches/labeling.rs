@@ -73,7 +73,7 @@ fn window(model: &WorldModel, store: SessionStore, dir: &Path) -> Harness<'stati
         env: Box::new(|_| Box::new(CarRacing::new(Seed::Native(0)))),
         env_name: "car-racing".to_owned(),
         world: WorldModelConfig::car_racing(),
-        fit: FitConfig::car_racing(),
+        fit: FitConfig::full(),
         reward: RewardConfig::car_racing(),
         planner: PlannerConfig::car_racing(),
     };
