@@ -299,7 +299,7 @@ impl Labeling {
     pub(crate) fn anew(&self) -> Self {
         let Self { speed, is_guided, budget, break_minutes, asking, ref pace, .. } = *self;
         let pace = pace.clone();
-        Self { speed, is_guided, budget, break_minutes, asking, pace, ..Self::default() }
+        Self { speed, is_guided, budget, break_minutes, pace, asking, ..Self::default() }
     }
 }
 

@@ -383,7 +383,9 @@ mod tests {
             trainer.send(TrainerCommand::AddDream(DreamId(id as u32), Arc::new(toy::dream(id, 60))));
         }
         assert_eq!(weigh(&pairs), None);
-        answers(0..12).into_iter().for_each(|command| trainer.send(command));
+        for command in answers(0..12) {
+            trainer.send(command);
+        }
         trainer.send(TrainerCommand::Fit { seed: 4 });
         inbox.iter().find(|report| matches!(report, Report::Learned { fit: Some(_), .. })).unwrap();
         let found = weigh(&pairs).unwrap();
