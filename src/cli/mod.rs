@@ -2,6 +2,7 @@
 #![expect(clippy::print_stdout, reason = "the command line speaks on standard output")]
 #![expect(clippy::print_stderr, reason = "and of its progress on standard error")]
 
+mod check_reward;
 mod check_world;
 mod compare;
 mod deploy;
@@ -45,6 +46,8 @@ enum Command {
     Simulate(simulate::Options),
     /// Learn a session's answers anew, perhaps with other weights (step 3)
     Refit(refit::Options),
+    /// Say how well a session's reward foretells the answers of others
+    CheckReward(check_reward::Options),
     /// Drive the real car by a session's reward (step 4)
     Deploy(deploy::Options),
     /// Say whether methods differ by more than chance, from what `deploy --json` printed of each
@@ -143,6 +146,7 @@ pub(crate) fn run(cli: Cli) -> anyhow::Result<()> {
         Some(Command::FitProbe(options)) => fit_probe::run(&options),
         Some(Command::Simulate(options)) => simulate::run(&options),
         Some(Command::Refit(options)) => refit::run(&options),
+        Some(Command::CheckReward(options)) => check_reward::run(&options),
         Some(Command::Deploy(options)) => deploy::run(&options),
         Some(Command::Compare(options)) => compare::run(&options),
         Some(Command::Replay(options)) => replay::run(&options),

@@ -5,9 +5,9 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use anyhow::Context as _;
-use dropj::query::{Justifications, Protocol, Query};
+use dropj::query::{Justifications, Protocol, Query, Strategy};
 use dropj::reward::RewardConfig;
-use dropj::session::{Answer, Choice, DreamSource, Event, Header, SessionStore, now};
+use dropj::session::{Answer, DreamSource, Event, Header, SessionStore, now};
 use dropj::simulate::annotator::Annotator;
 use dropj::simulate::run::{Answered, Progress, SimulateConfig, simulate};
 
@@ -33,6 +33,12 @@ pub(crate) struct Options {
     /// How many answers are taken back and given again, evenly spread
     #[arg(long, default_value_t = 0)]
     undo: usize,
+    /// How pairs are chosen: uniform, disagreement (of the reward's networks) or boundary (near where the road was left)
+    #[arg(long, value_parser = parse_choice, default_value = "uniform")]
+    choice: Strategy,
+    /// Who answers, as the session says it
+    #[arg(long, default_value = "simulated")]
+    annotator: String,
     /// How many dreams are played [default: the paper's 10, with obstacles 60]
     #[arg(long)]
     dreams: Option<usize>,
@@ -106,6 +112,15 @@ fn parse_protocol(text: &str) -> Result<Protocol, String> {
     }
 }
 
+fn parse_choice(text: &str) -> Result<Strategy, String> {
+    match text {
+        "uniform" => Ok(Strategy::Uniform),
+        "disagreement" => Ok(Strategy::Disagreement),
+        "boundary" => Ok(Strategy::SafetyBoundary),
+        _ => Err("pairs are chosen by uniform, disagreement or boundary".to_owned()),
+    }
+}
+
 /// A justification and its weight.
 pub(super) fn parse_weight(text: &str) -> Result<(String, f32), String> {
     let (name, weight) = text.split_once('=').ok_or("a weight is written name=number")?;
@@ -128,7 +143,7 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
         header.config.weights.justifications = Justifications::new(options.weights.iter().cloned())?;
     }
     let justifications = header.config.weights.justifications.clone();
-    "simulated".clone_into(&mut header.config.annotator);
+    header.config.annotator.clone_from(&options.annotator);
     header.world_model_path = relative(&options.out, &world);
     let mut store = SessionStore::create(&options.out, header)?;
 
@@ -143,6 +158,7 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
         n_dreams: options.dreams.unwrap_or(papers.n_dreams),
         dream_steps: options.steps,
         annotator: options.knobs.annotator(),
+        strategy: options.choice,
         ..papers
     };
     for p in [config.annotator.eps_mistake, config.annotator.eps_safety] {
@@ -172,7 +188,7 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
     let n = simulated.answers.len();
     for (i, answered) in simulated.answers.iter().enumerate() {
         let is_undone = (i + 1) * options.undo / n > i * options.undo / n;
-        record(&mut store, answered, is_undone)?;
+        record(&mut store, answered, &options.annotator, is_undone)?;
     }
     let fit = fit_reward(&mut store, &model, RewardConfig::car_racing(), options.seed, None)?;
     println!(
@@ -190,13 +206,18 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
 }
 
 /// Writes an answer down; one that `is_undone` is taken back and given again.
-fn record(store: &mut SessionStore, answered: &Answered, is_undone: bool) -> anyhow::Result<()> {
-    let &Answered { query: Query { id: query, left, right }, protocol, response, .. } = answered;
+fn record(
+    store: &mut SessionStore,
+    answered: &Answered,
+    annotator: &str,
+    is_undone: bool,
+) -> anyhow::Result<()> {
+    let &Answered { query: Query { id: query, left, right }, protocol, strategy, response, .. } = answered;
     if protocol != store.session().protocol() {
         store.record(Event::ProtocolChanged { protocol })?;
     }
-    store.record(Event::Asked { query, left, right, choice: Choice::Uniform })?;
-    let answer = Event::Answered(Answer::new(query, response, 0.0, "simulated"));
+    store.record(Event::Asked { query, left, right, choice: strategy.into() })?;
+    let answer = Event::Answered(Answer::new(query, response, 0.0, annotator));
     if is_undone {
         store.record(answer.clone())?;
         store.record(Event::Retracted { query })?;

@@ -2,6 +2,7 @@
 //!
 //! Takes a policy and returns numbers; every method drives the same tracks.
 
+pub mod agreement;
 pub mod fidelity;
 pub mod metrics;
 pub mod significance;
@@ -15,6 +16,7 @@ use crate::planner::{Agent, Plan};
 use crate::reward::RewardModel;
 use crate::world_model::WorldModel;
 
+pub use agreement::{Agreement, kappa};
 pub use metrics::{EpisodeMetrics, MeanSd, Summary, Tally};
 pub use significance::{Dunn, KruskalWallis, dunn, kruskal_wallis};
 pub use table::table;

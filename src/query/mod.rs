@@ -3,15 +3,18 @@
 //! Plain data: no tensor, no file, and no text that a user reads but the words of [`Label`].
 //! What is stored is what was *said*; the label μ is derived from it, so that other weights need no new answers.
 
+pub mod difference;
 pub mod justification;
 pub mod label;
 pub mod response;
 pub mod segment;
+pub mod strategy;
 
 pub use justification::{Justification, JustificationError, Justifications};
 pub use label::{Label, Weights};
 pub use response::{Preference, Protocol, Response, SafetyAnswer, SkipReason};
 pub use segment::{DreamId, Query, QueryId, SEGMENT_LEN, SegmentRef, sample_queries};
+pub use strategy::{Mix, Strategy};
 
 /// A query together with what its answer means: the triple (σ⁰, σ¹, μ) of the paper, by reference.
 #[derive(Clone, Copy, Debug, PartialEq)]

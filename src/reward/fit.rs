@@ -260,7 +260,7 @@ impl RewardEnsemble {
     /// # Shapes
     /// - `rows`: `[E, B, 2, k, F + A]`
     /// - returns `[E, B, 2]`
-    fn segment_returns(&self, rows: &Tensor) -> Tensor {
+    pub(super) fn segment_returns(&self, rows: &Tensor) -> Tensor {
         let [e, b, sides, k, width] = dims(rows);
         let rewards = self.forward(&rows.reshape([e, -1, width])); // [E, B · 2 · k]
         rewards.view([e, b, sides, k]).sum_dim_intlist(-1, false, Kind::Float)

@@ -2,6 +2,7 @@
 //!
 //! Never sees a frame: it reads a state's features and the scaled action, and nothing else.
 
+mod disagreement;
 pub mod figures;
 pub mod fit;
 pub mod frozen;

@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::query::{DreamId, Protocol, QueryId, Response, SegmentRef, SkipReason, Weights};
+use crate::query::{DreamId, Protocol, QueryId, Response, SegmentRef, SkipReason, Strategy, Weights};
 
 /// One thing that happened.
 ///
@@ -117,6 +117,16 @@ pub enum Choice {
     SafetyBoundary,
     /// To see whether the annotator answers as before, perhaps with the sides changed over.
     Again(QueryId),
+}
+
+impl From<Strategy> for Choice {
+    fn from(strategy: Strategy) -> Self {
+        match strategy {
+            Strategy::Uniform => Self::Uniform,
+            Strategy::Disagreement => Self::Disagreement,
+            Strategy::SafetyBoundary => Self::SafetyBoundary,
+        }
+    }
 }
 
 /// What an annotator said, and how.

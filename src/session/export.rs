@@ -8,6 +8,8 @@ use crate::session::{Given, Session};
 
 /// The answers that count, skips among them, in the order of answering: what was said, and μ by the present weights.
 ///
+/// What was only asked again teaches nothing and has no μ.
+///
 /// One line of names, then one line an answer; commas between, quotes where needed (RFC 4180).
 pub fn labels_csv(session: &Session) -> String {
     let mut csv = String::from(
@@ -24,13 +26,16 @@ pub fn labels_csv(session: &Session) -> String {
 
 fn write_row(csv: &mut String, query: Query, choice: Choice, given: &Given, weights: &Weights) {
     let Given { answer, protocol, at, .. } = given;
+    let is_again = matches!(choice, Choice::Again(_));
     let choice = match choice {
         Choice::Uniform => "uniform".to_owned(),
         Choice::Disagreement => "disagreement".to_owned(),
         Choice::SafetyBoundary => "safety_boundary".to_owned(),
         Choice::Again(of) => format!("again {}", of.0),
     };
-    let mu = weights.label(&answer.response).map(|label| label.mu().to_string()).unwrap_or_default();
+    // A query that was asked again is no second label.
+    let label = weights.label(&answer.response).filter(|_| !is_again);
+    let mu = label.map(|label| label.mu().to_string()).unwrap_or_default();
     let step = |step: Option<usize>| step.map(|step| step.to_string()).unwrap_or_default();
     let fields = [
         query.id.0.to_string(),

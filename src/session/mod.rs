@@ -13,6 +13,7 @@
 //! └── world_model.safetensors      or a path to it in session.json; its hash decides
 //! ```
 
+pub mod again;
 pub mod arrays;
 mod check;
 pub mod error;
@@ -29,7 +30,7 @@ pub mod store;
 
 use std::collections::BTreeMap;
 
-use crate::query::{DreamId, Label, LabeledQuery, Protocol, Query, QueryId, Response, Weights};
+use crate::query::{DreamId, LabeledQuery, Protocol, Query, QueryId, Response, Weights};
 
 pub use error::{Impossible, SessionError};
 pub use event::{Answer, Choice, DreamSource, Entry, Event, Fit, KeptDream};
@@ -97,14 +98,24 @@ pub struct Session {
     fits: Vec<FittedReward>,
     n_entries: u64,
     last_at: Option<u64>,
-    active_secs: f32,
+    /// Seconds spent with queries by each annotator, at most [`statistics::IDLE_SECS`] with each.
+    active_secs: BTreeMap<String, f32>,
 }
 
 impl Session {
     /// A session in which nothing has happened.
     pub fn new(protocol: Protocol, weights: Weights) -> Self {
         let (dreams, queries, fits) = (Vec::new(), Vec::new(), Vec::new());
-        Self { protocol, weights, dreams, queries, fits, n_entries: 0, last_at: None, active_secs: 0.0 }
+        Self {
+            protocol,
+            weights,
+            dreams,
+            queries,
+            fits,
+            n_entries: 0,
+            last_at: None,
+            active_secs: BTreeMap::new(),
+        }
     }
 
     /// This session after `entries`; an error comes with how many of them could be applied.
@@ -129,7 +140,8 @@ impl Session {
                 self.queries.push(AskedQuery { query, choice, is_flagged: false, given, retracted });
             }
             Event::Answered(answer) => {
-                self.active_secs += answer.secs.min(statistics::IDLE_SECS);
+                *self.active_secs.entry(answer.annotator.clone()).or_default() +=
+                    answer.secs.min(statistics::IDLE_SECS);
                 let asked = &mut self.queries[answer.query.0 as usize];
                 asked.retracted.clear();
                 let (answer, protocol) = (answer.clone(), self.protocol);
@@ -225,19 +237,28 @@ impl Session {
         first.map(|given| given.answer.query)
     }
 
-    /// What can be learned from, in the order of answering: skips are left out.
+    /// What can be learned from, in the order of answering: skips are left out, and so is what was only asked again.
     pub fn labeled(&self) -> Vec<LabeledQuery> {
         self.labeled_by(&self.weights)
     }
 
     /// The same with other weights, which needs no new answers.
     pub fn labeled_by(&self, weights: &Weights) -> Vec<LabeledQuery> {
-        let label = |given: &&Given| -> Option<(Query, Label)> {
-            let query = self.query(given.answer.query)?.query;
-            Some((query, weights.label(&given.answer.response)?))
-        };
         let labeled = self.answers();
-        labeled.iter().filter_map(label).map(|(query, label)| LabeledQuery { query, label }).collect()
+        labeled.iter().filter_map(|given| self.label_of(given.answer.query, weights)).collect()
+    }
+
+    /// What a query teaches with these weights, if anything.
+    pub fn label_of(&self, id: QueryId, weights: &Weights) -> Option<LabeledQuery> {
+        let asked = self.query(id).filter(|asked| asked.repeats().is_none())?;
+        let label = weights.label(&asked.answer()?.answer.response)?;
+        Some(LabeledQuery { query: asked.query, label })
+    }
+
+    /// The steps that drivers marked as unsafe.
+    pub fn marks(&self) -> Vec<(DreamId, usize)> {
+        let marks = self.dreams.iter().flat_map(|kept| kept.marks.iter().map(|mark| (kept.dream, *mark)));
+        marks.collect()
     }
 
     /// The rewards that were learned, the last one last.

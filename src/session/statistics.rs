@@ -6,10 +6,10 @@ use crate::session::Session;
 /// Seconds of one answer beyond which the annotator is taken to have been elsewhere.
 pub const IDLE_SECS: f32 = 60.0;
 
-/// Counts of a session, over the answers that count.
+/// Counts of a session, over the answers that count; what was asked again is counted apart.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Statistics {
-    /// Queries asked.
+    /// Queries asked, repetitions left out.
     pub n_asked: usize,
     /// Of these, answered with more than a skip.
     pub n_answered: usize,
@@ -17,17 +17,25 @@ pub struct Statistics {
     pub n_skipped: usize,
     /// Of these, marked for a second look.
     pub n_flagged: usize,
-    /// Seconds spent with queries, retracted answers included, at most [`IDLE_SECS`] each.
+    /// Repetitions that were answered or skipped.
+    pub n_again: usize,
+    /// Seconds spent with queries, repetitions and retracted answers included, at most [`IDLE_SECS`] each.
     pub active_secs: f32,
 }
 
 impl Statistics {
     pub(super) fn of(session: &Session) -> Self {
-        let mut statistics =
-            Self { n_asked: session.queries.len(), active_secs: session.active_secs, ..Self::default() };
+        let active_secs = session.active_secs.values().sum();
+        let mut statistics = Self { active_secs, ..Self::default() };
         for asked in &session.queries {
+            let response = asked.answer().map(|given| given.answer.response);
+            if asked.repeats().is_some() {
+                statistics.n_again += usize::from(response.is_some());
+                continue;
+            }
+            statistics.n_asked += 1;
             statistics.n_flagged += usize::from(asked.is_flagged);
-            match asked.answer().map(|given| given.answer.response) {
+            match response {
                 None => {}
                 Some(Response::Skipped(_)) => statistics.n_skipped += 1,
                 Some(_) => statistics.n_answered += 1,

@@ -182,6 +182,19 @@ impl SessionStore {
         Ok((reading.session, reward.map(|(_, parameters)| parameters)))
     }
 
+    /// The state of the session in `dir` and its dreams, without opening it for writing.
+    ///
+    /// It must have been made with the world model of this hash.
+    pub fn read_dreams(
+        dir: &Path,
+        world_model: &str,
+    ) -> Result<(Session, Vec<(DreamId, DreamEpisode)>), SessionError> {
+        let session = read(dir, Some(world_model))?.session;
+        let read = |kept: &KeptDream| Ok((kept.dream, read_dream(dir, &session, kept.dream)?));
+        let dreams = session.dreams().iter().map(read).collect::<Result<_, SessionError>>()?;
+        Ok((session, dreams))
+    }
+
     /// Writes the answers that count as a table to `path`.
     pub fn export_labels(&self, path: &Path) -> Result<(), SessionError> {
         let table = export::labels_csv(&self.session);

@@ -152,6 +152,42 @@ fn an_answer_is_judged_by_the_protocol_in_force() {
 }
 
 #[test]
+fn what_is_asked_again_teaches_nothing_and_moves_no_count() {
+    let mut script = Script::with_queries(11);
+    let again = |id, of| {
+        let segment = |start| SegmentRef { dream: DreamId(0), start };
+        let (left, right) = (segment(10), segment(0));
+        Event::Asked { query: QueryId(id), left, right, choice: Choice::Again(QueryId(of)) }
+    };
+    let both = |preference| Response::Safety(SafetyAnswer::Both(preference));
+    for id in 0..10 {
+        assert_eq!(script.session.repeatable("anna"), [], "nothing is long ago after {id} answers");
+        let response = if id == 1 { Response::Skipped(None) } else { both(Preference::Left) };
+        script.happens(answered(id, response)).unwrap();
+    }
+    script.happens(answered(10, SAFE_LEFT)).unwrap();
+    assert_eq!(script.session.repeatable("anna"), [QueryId(0)]);
+    assert_eq!(script.session.repeatable("ben"), []);
+    let (labels, before) = (script.session.labeled(), script.session.statistics());
+
+    script.happens(again(11, 0)).unwrap();
+    assert_eq!(script.session.repeatable("anna"), [], "nothing is repeated twice, or while it waits");
+    script.happens(answered(11, both(Preference::Right))).unwrap();
+    script.happens(again(12, 10)).unwrap();
+    script.happens(answered(12, Response::Safety(SafetyAnswer::Neither))).unwrap();
+
+    assert_eq!(script.session.labeled(), labels);
+    let after = script.session.statistics();
+    assert_eq!((after.n_asked, after.n_answered, after.n_skipped, after.n_again), (11, 10, 1, 2));
+    assert_eq!((before.n_answered, before.n_skipped, before.n_pending()), (10, 1, 0));
+    assert!(after.labels_per_hour() < before.labels_per_hour(), "but its time is spent");
+    let consistency = script.session.consistency(None).unwrap();
+    assert_eq!((consistency.n, consistency.n_same, consistency.n_critical), (2, 1, 1), "seen from one side");
+    assert_eq!(script.session.consistency(Some("ben")), None);
+    assert_eq!(script.session.undoable(), Some(QueryId(12)), "it can be taken back like any other");
+}
+
+#[test]
 fn other_weights_change_labels_and_no_answers() {
     let mut script = Script::with_queries(1);
     script.happens(answered(0, BOTH)).unwrap();

@@ -4,6 +4,7 @@
 //! They serve tests and experiments; the reward that a user teaches knows nothing of them.
 
 pub mod annotator;
+mod asker;
 pub mod fit_probe;
 mod encounter;
 mod hand;

@@ -7,13 +7,16 @@ use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 
 use super::annotator::{Annotator, Judgement};
+use super::asker::Asker;
 use super::player::play_all;
-use super::probe::Probe;
+use super::probe::{Probe, Sight};
 use crate::dream::DreamEpisode;
 use crate::env::Frame;
 use crate::query::{
-    DreamId, Justifications, Protocol, Query, QueryId, Response, SEGMENT_LEN, SegmentRef, sample_queries,
+    DreamId, Justifications, Protocol, Query, QueryId, Response, SEGMENT_LEN, SegmentRef, Strategy, Weights,
+    sample_queries,
 };
+use crate::reward::RewardConfig;
 use crate::world_model::{LatentState, WorldModel};
 
 /// Pictures that are decoded together.
@@ -37,6 +40,12 @@ pub struct SimulateConfig {
     pub seed: u64,
     /// Who answers.
     pub annotator: Annotator,
+    /// How queries are chosen.
+    #[serde(default)]
+    pub strategy: Strategy,
+    /// What learns along, where queries are chosen by what it is unsure of.
+    #[serde(default = "RewardConfig::car_racing")]
+    pub reward: RewardConfig,
 }
 
 impl SimulateConfig {
@@ -45,7 +54,17 @@ impl SimulateConfig {
         let annotator = Annotator::careful();
         let justifications = Justifications::car_racing();
         let protocols = vec![protocol];
-        Self { protocols, justifications, n_queries: 500, n_dreams: 10, dream_steps: 1000, seed, annotator }
+        Self {
+            protocols,
+            justifications,
+            n_queries: 500,
+            n_dreams: 10,
+            dream_steps: 1000,
+            seed,
+            annotator,
+            strategy: Strategy::Uniform,
+            reward: RewardConfig::car_racing(),
+        }
     }
 
     /// The paper's 1000 queries over 60 dreams, with chuckholes and other cars.
@@ -73,6 +92,8 @@ pub struct Answered {
     pub query: Query,
     /// What was asked.
     pub protocol: Protocol,
+    /// How it was chosen.
+    pub strategy: Strategy,
     /// What was seen on the left.
     pub left: Judgement,
     /// What was seen on the right.
@@ -121,7 +142,7 @@ pub fn simulate(
         .map(|start| (start, u64::from(rng.random::<u32>())))
         .collect();
     let steps = config.dream_steps;
-    let dreams =
+    let mut dreams =
         play_all(model, probe, &starts, steps, &mut |step| on_progress(Progress::Played(step, steps)))?;
 
     let mut pictures = Vec::with_capacity(dreams.len());
@@ -134,8 +155,16 @@ pub fn simulate(
 
     let lens: Vec<_> = dreams.iter().enumerate().map(|(i, dream)| (DreamId(i as u32), dream.len())).collect();
     let queries = sample_queries(&lens, config.n_queries, QueryId(0), &mut rng);
+    if config.strategy == Strategy::SafetyBoundary {
+        for (dream, pictures) in dreams.iter_mut().zip(&pictures) {
+            dream.unsafe_marks = marked(&probe.watch(pictures));
+        }
+    }
+    let mut asker = Asker::new(model, &dreams, config.strategy, &config.reward, config.seed);
+    let weights = Weights { justifications: config.justifications.clone(), ..Weights::car_racing() };
     let mut answers = Vec::with_capacity(queries.len());
     for query in queries {
+        let (query, strategy) = asker.choose(query);
         let clip = |SegmentRef { dream, start }| &pictures[dream.0 as usize][start..start + SEGMENT_LEN];
         let [left, right] = [query.left, query.right].map(|at| config.annotator.judge(probe, clip(at)));
         // A stream of its own: what is said to one query does not hang on the others.
@@ -144,12 +173,20 @@ pub fn simulate(
         let SimulateConfig { annotator, protocols, justifications, .. } = config;
         let protocol = protocols[answers.len() * protocols.len() / config.n_queries];
         let response = annotator.answer(protocol, justifications, &left, &right, &mut rng);
-        answers.push(Answered { query, protocol, left, right, response });
+        asker.hear(query, weights.label(&response));
+        answers.push(Answered { query, protocol, strategy, left, right, response });
         if on_progress(Progress::Answered(answers.len(), config.n_queries)).is_break() {
             return None;
         }
     }
     Some(Simulated { dreams, answers })
+}
+
+/// The steps at which somebody who watches would say that it is unsafe now: once each time the car leaves the road.
+fn marked(sights: &[Sight]) -> Vec<usize> {
+    let is_off: Vec<_> = sights.iter().map(|sight| sight.off_road > 0.5).collect();
+    // As in a clip, one odd picture is none.
+    (2..is_off.len()).filter(|&t| is_off[t] && is_off[t - 1] && !is_off[t - 2]).collect()
 }
 
 /// Every picture of a dream.
@@ -201,6 +238,44 @@ mod tests {
         let asked = run(&SimulateConfig { protocols: protocols.clone(), ..config.clone() }).unwrap().answers;
         assert_eq!(asked.iter().step_by(2).map(|a| a.protocol).collect::<Vec<_>>(), protocols);
         assert_ne!(run(&SimulateConfig { seed: 4, ..config }), Some(first));
+    }
+
+    #[test]
+    fn a_simulation_asks_as_it_was_told() {
+        let (model, probe, start) = blank();
+        let annotator = Annotator { eps_skip: None, ..Annotator::careful() };
+        let run = |strategy| {
+            let config = SimulateConfig {
+                n_queries: 30,
+                n_dreams: 2,
+                dream_steps: 60,
+                annotator,
+                strategy,
+                reward: RewardConfig::tiny(),
+                ..SimulateConfig::car_racing(Protocol::Dropj, 3)
+            };
+            let go_on = &mut |_| ControlFlow::Continue(());
+            simulate(&model, &probe, &config, std::slice::from_ref(&start), go_on).unwrap()
+        };
+        let by_chance = run(Strategy::Uniform);
+        let by_doubt = run(Strategy::Disagreement);
+        assert!(by_chance.answers.iter().all(|answered| answered.strategy == Strategy::Uniform));
+        for (i, (one, other)) in by_chance.answers.iter().zip(&by_doubt.answers).enumerate() {
+            let wanted = if i < 10 { Strategy::Uniform } else { Strategy::Disagreement };
+            assert_eq!((other.strategy, other.query.id), (wanted, one.query.id), "ten answers come first");
+            assert_eq!(one.query == other.query, i < 10);
+        }
+        let near = run(Strategy::SafetyBoundary);
+        let has_marks = near.dreams.iter().any(|dream| !dream.unsafe_marks.is_empty());
+        let wanted = if has_marks { Strategy::SafetyBoundary } else { Strategy::Uniform };
+        assert!(near.answers.iter().all(|answered| answered.strategy == wanted));
+    }
+
+    #[test]
+    fn leaving_the_road_is_marked_once() {
+        let sights = [0.0, 0.9, 0.0, 0.9, 0.9, 0.9, 0.2, 0.8, 0.7];
+        let sights = sights.map(|off_road| Sight { off_road, ..Sight::default() });
+        assert_eq!(marked(&sights), [4, 8]);
     }
 
     #[test]

@@ -1,12 +1,7 @@
 //! What is done with queries: asking, answering, and taking back.
 
-use rand::SeedableRng as _;
-use rand_chacha::ChaCha8Rng;
-
-use crate::query::{
-    Preference, Protocol, QueryId, Response, SEGMENT_LEN, SafetyAnswer, SkipReason, sample_queries,
-};
-use crate::session::{Answer, Choice, Event, Session};
+use crate::query::{Preference, Protocol, QueryId, Response, SEGMENT_LEN, SafetyAnswer, SkipReason};
+use crate::session::{Answer, Event, Session};
 use crate::ui::App;
 use crate::ui::command::{Command, Field};
 use crate::ui::crew::Order;
@@ -31,6 +26,7 @@ impl App {
             Command::GuidedSafe(is_safe) => self.answer_guided(is_safe),
             Command::Guide(is_guided) => (label.is_guided, label.guided) = (is_guided, Vec::new()),
             Command::ToggleAnswers => label.is_list_open = !label.is_list_open,
+            Command::Ask(asking) => label.asking = asking.clamped(),
             Command::Justify(justification) => label.justification = Some(justification),
             Command::GiveReason(reason) => self.give_reason(reason),
             Command::Undo => self.undo(),
@@ -86,7 +82,8 @@ impl App {
         self.teach(query);
     }
 
-    fn annotator(&self) -> String {
+    /// Who answers.
+    pub(super) fn annotator(&self) -> String {
         let typed = self.state.field(Field::Annotator).trim();
         let given = self.state.header().map_or("anonymous", |header| header.config.annotator.as_str());
         if typed.is_empty() { given.to_owned() } else { typed.to_owned() }
@@ -166,9 +163,11 @@ impl App {
     fn teach(&mut self, query: QueryId) {
         let Some(session) = self.state.session() else { return };
         let Some(asked) = session.query(query) else { return };
-        let label = asked.answer().and_then(|given| session.weights().label(&given.answer.response));
-        let command = match label {
-            Some(label) => TrainerCommand::Learn(asked.query, label),
+        if asked.repeats().is_some() {
+            return;
+        }
+        let command = match session.label_of(query, session.weights()) {
+            Some(labeled) => TrainerCommand::Learn(labeled.query, labeled.label),
             None => TrainerCommand::Forget(query),
         };
         self.crew.send(Order::Trainer(command));
@@ -176,24 +175,16 @@ impl App {
 
     /// Draws queries and has their clips drawn before they are needed.
     pub(super) fn ask(&mut self) {
-        let Some(store) = &self.state.store else { return };
-        let session = store.session();
-        let missing = N_AHEAD.saturating_sub(self.state.upcoming().len());
-        if missing > 0 && self.state.now >= self.state.label.ask_again_at {
-            let first = session.next_query_id();
-            let mut rng = ChaCha8Rng::seed_from_u64(store.header().seed);
-            rng.set_stream(u64::from(first.0));
-            let mut dreams = session.dream_lens();
-            dreams.retain(|(id, _)| !self.state.label.unreadable.contains(id));
-            for query in sample_queries(&dreams, missing, first, &mut rng) {
-                let (left, right) = (query.left, query.right);
-                let is_written =
-                    self.record(Event::Asked { query: query.id, left, right, choice: Choice::Uniform });
-                if !is_written {
-                    // A full disk is not asked sixty times a second whether it is still full.
-                    self.state.label.ask_again_at = self.state.now + 5.0;
-                    break;
-                }
+        while self.state.now >= self.state.label.ask_again_at {
+            let n_waiting = self.state.upcoming().len();
+            if n_waiting >= N_AHEAD {
+                break;
+            }
+            let Some(([left, right], choice)) = self.choose(n_waiting) else { break };
+            let Some(query) = self.state.session().map(Session::next_query_id) else { break };
+            if !self.record(Event::Asked { query, left, right, choice }) {
+                // A full disk is not asked sixty times a second whether it is still full.
+                self.state.label.ask_again_at = self.state.now + 5.0;
             }
         }
         for query in self.state.upcoming().into_iter().take(N_AHEAD) {

@@ -6,6 +6,7 @@ use eframe::egui::{Key, ThemePreference};
 
 use crate::env::controls::ControlConfig;
 use crate::query::{Justification, Protocol, QueryId, Response, SkipReason};
+use crate::ui::choosing::Asking;
 use crate::ui::keys::Deed;
 use crate::ui::pace::Budget;
 
@@ -155,6 +156,8 @@ pub enum Command {
     Guide(bool),
     /// Opens or closes the list of answers.
     ToggleAnswers,
+    /// Chooses what is asked about.
+    Ask(Asking),
     /// Names the justification that the next preference rests on.
     Justify(Justification),
     /// Says why the last query was skipped.

@@ -100,6 +100,7 @@ impl App {
                 self.forget_far_pairs();
             }
             Report::Glance { query, frames } => self.glanced(ctx, query, &frames),
+            Report::Weighed { pairs, disagreements } => self.weighed(pairs, disagreements.as_deref()),
             Report::Learning(learning) => self.state.reward.hear(learning),
             Report::Learned { parameters, n_labels, fit } => self.learned(parameters, n_labels, fit),
             Report::Drove { seed, metrics } => {

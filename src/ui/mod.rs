@@ -5,6 +5,7 @@
 
 mod act;
 mod answer;
+mod choosing;
 mod command;
 mod crew;
 mod dialog;
@@ -34,6 +35,7 @@ use crate::session::SessionStore;
 use crate::tensor::Parameters;
 use crate::worker::{Report, Reports};
 
+pub use choosing::Asking;
 pub use command::{Command, Field, Panel};
 pub use crew::{Crew, Order, Plans, Slots, Threads};
 pub use input::{Gilrs, InputSource, NoPads, PadButton, PadEvent, system_pads};

@@ -5,6 +5,7 @@ use eframe::egui::{Context, ThemePreference};
 use serde::{Deserialize, Serialize};
 
 use crate::env::controls::ControlConfig;
+use crate::ui::choosing::Asking;
 use crate::ui::command::Field;
 use crate::ui::keys::Keys;
 use crate::ui::pace::Budget;
@@ -26,6 +27,7 @@ pub(crate) struct Preferences {
     annotator: String,
     budget: Budget,
     break_minutes: u32,
+    asking: Asking,
 }
 
 impl Default for Preferences {
@@ -39,6 +41,7 @@ impl Default for Preferences {
             annotator: String::new(),
             budget: Budget::default(),
             break_minutes: BREAK_MINUTES,
+            asking: Asking::default(),
         }
     }
 }
@@ -60,6 +63,7 @@ impl Preferences {
             annotator: state.field(Field::Annotator).to_owned(),
             budget: state.label.budget,
             break_minutes: state.label.break_minutes,
+            asking: state.label.asking,
         }
     }
 
@@ -69,6 +73,7 @@ impl Preferences {
         (state.theme, state.keys, state.controls) = (self.theme, self.keys, self.controls.clamped());
         (state.label.speed, state.label.is_guided) = (self.clip_speed.clamp(5.0, 100.0), self.is_guided);
         (state.label.budget, state.label.break_minutes) = (self.budget, self.break_minutes);
+        state.label.asking = self.asking.clamped();
         state.fields.insert(Field::Annotator, self.annotator);
     }
 

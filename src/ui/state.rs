@@ -12,6 +12,7 @@ use crate::evaluation::EpisodeMetrics;
 use crate::query::{DreamId, Justification, Protocol, Query, QueryId, Weights};
 use crate::session::{DreamJournal, Header, Session, SessionStore, UnfinishedDream};
 use crate::tensor::Parameters;
+use crate::ui::choosing::{Asking, Weighing};
 use crate::ui::command::{Command, Field, Panel};
 use crate::ui::keys::{Keys, Rebinding};
 use crate::ui::pace::{Budget, Pace};
@@ -252,6 +253,10 @@ pub(crate) struct Labeling {
     pub break_minutes: u32,
     /// The clock of whoever labels.
     pub pace: Pace,
+    /// What is asked about.
+    pub asking: Asking,
+    /// What the trainer is asked of that.
+    pub weighing: Weighing,
 }
 
 /// Frames a second at which clips are played at first: as they were driven.
@@ -283,6 +288,8 @@ impl Default for Labeling {
             budget: Budget::default(),
             break_minutes: BREAK_MINUTES,
             pace: Pace::default(),
+            asking: Asking::default(),
+            weighing: Weighing::default(),
         }
     }
 }
@@ -290,8 +297,9 @@ impl Default for Labeling {
 impl Labeling {
     /// For another session: what the annotator likes stays.
     pub(crate) fn anew(&self) -> Self {
-        let Self { speed, is_guided, budget, break_minutes, ref pace, .. } = *self;
-        Self { speed, is_guided, budget, break_minutes, pace: pace.clone(), ..Self::default() }
+        let Self { speed, is_guided, budget, break_minutes, asking, ref pace, .. } = *self;
+        let pace = pace.clone();
+        Self { speed, is_guided, budget, break_minutes, pace, asking, ..Self::default() }
     }
 }
 

@@ -27,7 +27,7 @@ use std::time::Instant;
 use crate::dream::DreamEpisode;
 use crate::env::{Action, Env, Frame};
 use crate::evaluation::EpisodeMetrics;
-use crate::query::{DreamId, Label, Query, QueryId};
+use crate::query::{DreamId, Label, Query, QueryId, SegmentRef};
 use crate::session::DreamJournal;
 use crate::tensor::Parameters;
 use crate::world_model::LatentState;
@@ -173,6 +173,8 @@ pub enum TrainerCommand {
     Learn(Query, Label),
     /// Forgets the answer to a query.
     Forget(QueryId),
+    /// Says how much the reward is of two minds about each of these pairs.
+    Weigh(Vec<[SegmentRef; 2]>),
     /// Starts afresh and fits all answers to the end.
     Fit {
         /// Of initialization and order.
@@ -261,6 +263,13 @@ pub enum Report {
         query: Query,
         /// From the middle of the left clip, and of the right one.
         frames: [Frame; 2],
+    },
+    /// Pairs have been weighed.
+    Weighed {
+        /// Which.
+        pairs: Vec<[SegmentRef; 2]>,
+        /// How much the members disagree about each; nothing where nothing was learned yet.
+        disagreements: Option<Vec<f32>>,
     },
     /// The reward has learned a little.
     Learning(Learning),

@@ -68,6 +68,8 @@ struct Learner<'a> {
     /// Answers given, changed or taken back since the last fit.
     n_new: usize,
     n_fits: usize,
+    /// Whether anything was ever fitted.
+    has_learned: bool,
     /// When parameters were last handed on, and whether newer ones wait.
     handed_on: Option<Instant>,
     has_news: bool,
@@ -106,6 +108,7 @@ impl<'a> Learner<'a> {
             rng,
             n_new: 0,
             n_fits: 0,
+            has_learned: false,
             handed_on: None,
             has_news: false,
         }
@@ -146,8 +149,22 @@ impl<'a> Learner<'a> {
                     self.n_new += 1;
                 }
             }
+            TrainerCommand::Weigh(pairs) => {
+                let disagreements = self.has_learned.then(|| self.weigh(&pairs)).transpose();
+                let disagreements = disagreements.unwrap_or_else(|e| {
+                    self.reports.fail(NAME, e);
+                    None
+                });
+                self.reports.send(Report::Weighed { pairs, disagreements });
+            }
             TrainerCommand::Fit { .. } => unreachable!("a fit hears commands itself"),
         }
+    }
+
+    fn weigh(&mut self, pairs: &[[SegmentRef; 2]]) -> Result<Vec<f32>, String> {
+        let mut rows = |segment| self.dreams.rows(&self.model, segment);
+        let pairs = pairs.iter().map(|[left, right]| Ok([rows(*left)?, rows(*right)?]));
+        Ok(self.trainer.ensemble().disagreements(&pairs.collect::<Result<Vec<_>, String>>()?))
     }
 
     fn learn(&mut self, query: Query, label: Label) -> Result<(), String> {
@@ -189,7 +206,7 @@ impl<'a> Learner<'a> {
             });
             self.n_new = 0;
             self.n_fits += 1;
-            self.has_news = true;
+            (self.has_learned, self.has_news) = (true, true);
             self.reports.send(learning(&self.trainer, self.n_fits, &losses, None));
         }
         let is_time = self.handed_on.is_none_or(|handed_on| handed_on.elapsed() >= HAND_ON_EVERY);
@@ -234,7 +251,7 @@ impl<'a> Learner<'a> {
         match fit_anew(model, config.clone(), seed, &labels, rows, on_epoch) {
             Ok(Some(Fitted { trainer, losses })) => {
                 self.trainer.adopt(trainer);
-                (self.n_new, self.n_fits) = (0, 0);
+                (self.n_new, self.n_fits, self.has_learned) = (0, 0, true);
                 self.hand_on(Some((seed, losses)));
             }
             Ok(None) => {}
@@ -346,6 +363,38 @@ mod tests {
         });
         let ensemble = RewardEnsemble::load(&handed_on.unwrap()).unwrap();
         assert!(ensemble.require(&toy::model().hash()).is_ok(), "it names the model it was learned in");
+    }
+
+    #[test]
+    fn pairs_are_weighed_once_something_was_learned() {
+        let segment = |dream, start| SegmentRef { dream: DreamId(dream), start };
+        let pairs = vec![[segment(0, 3), segment(1, 9)], [segment(1, 5), segment(1, 5)]];
+        let (reports, inbox) = Reports::new(|| ());
+        let trainer = spawn(toy::model().parameters().clone(), RewardConfig::tiny(), &reports);
+        let weigh = |pairs: &[[SegmentRef; 2]]| {
+            trainer.send(TrainerCommand::Weigh(pairs.to_vec()));
+            let weighed = inbox.iter().find_map(|report| match report {
+                Report::Weighed { disagreements, .. } => Some(disagreements),
+                _ => None,
+            });
+            weighed.unwrap()
+        };
+        for id in 0..2 {
+            trainer.send(TrainerCommand::AddDream(DreamId(id as u32), Arc::new(toy::dream(id, 60))));
+        }
+        assert_eq!(weigh(&pairs), None);
+        for command in answers(0..12) {
+            trainer.send(command);
+        }
+        trainer.send(TrainerCommand::Fit { seed: 4 });
+        inbox.iter().find(|report| matches!(report, Report::Learned { fit: Some(_), .. })).unwrap();
+        let found = weigh(&pairs).unwrap();
+        assert!(found[0] > 0.0 && found[1] == 0.0, "{found:?}");
+        assert_eq!(
+            weigh(&[[segment(0, 41), segment(0, 0)]]),
+            None,
+            "what is beyond a dream cannot be weighed"
+        );
     }
 
     #[test]

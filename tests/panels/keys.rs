@@ -83,7 +83,7 @@ fn a_changed_key_drives() {
 
 /// What the system keeps for a program.
 #[derive(Default)]
-struct Memory(BTreeMap<String, String>);
+pub(crate) struct Memory(pub(crate) BTreeMap<String, String>);
 
 impl Storage for Memory {
     fn get_string(&self, key: &str) -> Option<String> {

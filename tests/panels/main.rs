@@ -6,6 +6,7 @@
     reason = "a test that cannot be set up fails, and one that is skipped says so"
 )]
 
+mod asking;
 mod journeys;
 mod keys;
 mod labeling;

@@ -7,6 +7,7 @@ use eframe::egui::{
 
 use crate::query::QueryId;
 use crate::ui::command::{Command, Field};
+use crate::ui::panels::asking;
 use crate::ui::state::State;
 use crate::ui::tokens::{self, Tokens};
 use crate::ui::widgets::clip::{Rim, paint_picture};
@@ -22,6 +23,7 @@ pub(super) fn answers_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>
     titled_card(ui, "Who answers", |ui| {
         field_ui(ui, state, Field::Annotator, "A name, kept with every answer", commands);
     });
+    asking::card_ui(ui, state, commands);
     titled_card(ui, "Answers", |ui| list_ui(ui, state, commands));
 }
 

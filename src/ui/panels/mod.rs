@@ -1,6 +1,7 @@
 //! What is drawn: functions of the state that push commands.
 
 mod answers;
+mod asking;
 mod deploy;
 mod dream;
 mod help;

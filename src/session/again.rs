@@ -1,0 +1,59 @@
+//! Queries that are asked a second time, with their sides changed over: does the annotator say the same?
+//!
+//! The second answer says how steady the annotator is, and nothing else: it is no label, for it would only weigh the
+//! same pair twice; and it counts neither as answered nor as skipped, so that no budget moves.
+
+use crate::evaluation::Agreement;
+use crate::query::{QueryId, Response};
+use crate::session::event::Choice;
+use crate::session::{AskedQuery, Session};
+
+/// So many other answers come before a query is asked again, that nobody remembers what they said.
+pub const AGAIN_AFTER: usize = 10;
+
+impl AskedQuery {
+    /// The query that this one repeats.
+    pub fn repeats(&self) -> Option<QueryId> {
+        if let Choice::Again(of) = self.choice { Some(of) } else { None }
+    }
+}
+
+impl Session {
+    /// The queries that `annotator` could be asked again: answered by them under the present protocol, with more than a
+    /// skip, and at least [`AGAIN_AFTER`] answers ago; none of them twice.
+    pub fn repeatable(&self, annotator: &str) -> Vec<QueryId> {
+        let answers = self.answers();
+        let Some(n_long_ago) = answers.len().checked_sub(AGAIN_AFTER) else { return Vec::new() };
+        let is_repeated = |id| self.queries().iter().any(|asked| asked.repeats() == Some(id));
+        let could_be = |id: &QueryId| {
+            let is_one = self.query(*id).is_some_and(|asked| asked.repeats().is_some());
+            !is_one && !is_repeated(*id)
+        };
+        let long_ago = answers[..n_long_ago].iter().filter(|given| {
+            let is_skip = matches!(given.answer.response, Response::Skipped(_));
+            !is_skip && given.protocol == self.protocol() && given.answer.annotator == annotator
+        });
+        long_ago.map(|given| given.answer.query).filter(could_be).collect()
+    }
+
+    /// How far annotators said the same when they were asked again: all of them, or the one of this name.
+    pub fn consistency(&self, annotator: Option<&str>) -> Option<Agreement> {
+        let pairs: Vec<_> = self.repeated(annotator).collect();
+        Agreement::of(&pairs, self.weights().justifications.default())
+    }
+
+    /// What was said first and what was said again by the same annotator, both as of the first query's sides.
+    pub fn repeated(&self, annotator: Option<&str>) -> impl Iterator<Item = (Response, Response)> {
+        self.queries().iter().filter_map(move |again| {
+            let first = self.query(again.repeats()?)?;
+            let (one, other) = (&first.answer()?.answer, &again.answer()?.answer);
+            let is_meant = annotator.is_none_or(|name| one.annotator == name);
+            if one.annotator != other.annotator || !is_meant {
+                return None;
+            }
+            let is_swapped = first.query.left != again.query.left;
+            let response = if is_swapped { other.response.mirrored() } else { other.response };
+            Some((one.response, response))
+        })
+    }
+}

@@ -1,0 +1,110 @@
+//! Which queries a simulation asks: what the window does with a person, without a clock.
+
+use std::ops::ControlFlow;
+
+use rand::SeedableRng as _;
+use rand_chacha::ChaCha8Rng;
+
+use crate::dream::{DreamEpisode, Rows};
+use crate::query::strategy::{N_CANDIDATES, sample_near_mark, sample_pair};
+use crate::query::{DreamId, Label, Query, SegmentRef, Strategy};
+use crate::reward::{RewardConfig, RewardEnsemble, SegmentPair, Trainer, segment_rows};
+use crate::world_model::WorldModel;
+
+/// From so many labels on a reward is learned, and again whenever a tenth of them is new.
+const MIN_LABELS: usize = 10;
+const NEW_SHARE: usize = 10;
+/// The stream of what is chosen; answers have those from 1 on.
+const STREAM: u64 = u64::MAX;
+
+/// Chooses pairs, learning a reward along where that is what chooses.
+pub(super) struct Asker {
+    strategy: Strategy,
+    lens: Vec<(DreamId, usize)>,
+    marks: Vec<(DreamId, usize)>,
+    rng: ChaCha8Rng,
+    learner: Option<Learner>,
+}
+
+/// A reward that learns while answers come in.
+struct Learner {
+    trainer: Trainer,
+    /// The actions and features of every dream.
+    dreams: Vec<(Vec<crate::env::Action>, Rows)>,
+    rng: ChaCha8Rng,
+    /// Labels since the last fit, and whether there was one.
+    n_new: usize,
+    has_learned: bool,
+}
+
+impl Asker {
+    /// Asks about `dreams` by `strategy`, for which a reward of the shape `reward` is learned if it needs one.
+    pub(super) fn new(
+        model: &WorldModel,
+        dreams: &[DreamEpisode],
+        strategy: Strategy,
+        reward: &RewardConfig,
+        seed: u64,
+    ) -> Self {
+        let numbered = || dreams.iter().enumerate().map(|(i, dream)| (DreamId(i as u32), dream));
+        let marks = numbered().flat_map(|(id, dream)| dream.unsafe_marks.iter().map(move |mark| (id, *mark)));
+        let mut rng = ChaCha8Rng::seed_from_u64(seed);
+        rng.set_stream(STREAM);
+        let learner = (strategy == Strategy::Disagreement).then(|| Learner::new(model, dreams, reward, seed));
+        let lens = numbered().map(|(id, dream)| (id, dream.len())).collect();
+        Self { strategy, lens, marks: marks.collect(), rng, learner }
+    }
+
+    /// What is asked instead of `query`, which was drawn by chance, and how it was chosen.
+    pub(super) fn choose(&mut self, query: Query) -> (Query, Strategy) {
+        let Self { strategy, lens, marks, rng, learner } = self;
+        let pair = match (*strategy, learner) {
+            (Strategy::SafetyBoundary, _) => sample_near_mark(lens, marks, rng),
+            (Strategy::Disagreement, Some(learner)) if learner.has_learned => {
+                let pairs: Vec<_> = (0..N_CANDIDATES).filter_map(|_| sample_pair(lens, rng)).collect();
+                learner.most_disagreed(&pairs)
+            }
+            _ => None,
+        };
+        pair.map_or((query, Strategy::Uniform), |[left, right]| (Query { left, right, ..query }, *strategy))
+    }
+
+    /// Takes in what was answered.
+    pub(super) fn hear(&mut self, query: Query, label: Option<Label>) {
+        if let (Some(learner), Some(label)) = (&mut self.learner, label) {
+            learner.hear(query, label);
+        }
+    }
+}
+
+impl Learner {
+    fn new(model: &WorldModel, dreams: &[DreamEpisode], reward: &RewardConfig, seed: u64) -> Self {
+        let mut rng = ChaCha8Rng::seed_from_u64(seed);
+        let n_features = model.config().n_features();
+        let ensemble = RewardEnsemble::new(n_features, &model.hash(), reward.clone(), &mut rng);
+        let dreams = dreams.iter().map(|dream| (dream.actions.clone(), dream.features(model))).collect();
+        Self { trainer: Trainer::new(ensemble), dreams, rng, n_new: 0, has_learned: false }
+    }
+
+    fn rows(&self, segment: SegmentRef) -> Vec<f32> {
+        let (actions, features) = &self.dreams[segment.dream.0 as usize];
+        segment_rows(features, actions, segment)
+    }
+
+    fn most_disagreed(&self, pairs: &[[SegmentRef; 2]]) -> Option<[SegmentRef; 2]> {
+        let rows: Vec<_> = pairs.iter().map(|pair| pair.map(|segment| self.rows(segment))).collect();
+        let found = self.trainer.ensemble().disagreements(&rows);
+        (0..pairs.len()).max_by(|a, b| found[*a].total_cmp(&found[*b])).map(|most| pairs[most])
+    }
+
+    fn hear(&mut self, query: Query, label: Label) {
+        let pair = SegmentPair { left: self.rows(query.left), right: self.rows(query.right), label };
+        self.trainer.take_up(&pair);
+        self.n_new += 1;
+        let n = self.trainer.n_labels();
+        if n >= MIN_LABELS && self.n_new * NEW_SHARE >= n {
+            let _ = self.trainer.fit(&mut self.rng, |_| ControlFlow::Continue(()));
+            (self.n_new, self.has_learned) = (0, true);
+        }
+    }
+}

@@ -1,0 +1,87 @@
+//! What is asked about, and how often again.
+
+use eframe::egui::containers::menu::{MenuButton, MenuConfig};
+use eframe::egui::{PopupCloseBehavior, Slider, Ui};
+
+use crate::query::Mix;
+use crate::ui::choosing::{Asking, MOST_AGAIN, obstacles};
+use crate::ui::command::Command;
+use crate::ui::state::State;
+use crate::ui::tokens::{self, GAP, Tokens};
+use crate::ui::widgets::gauge::row_ui;
+use crate::ui::widgets::layout::titled_card;
+
+/// The width of the menu.
+const WIDTH: f32 = 320.0;
+
+/// What is asked about, in a few lines, and a button to change it.
+pub(super) fn card_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
+    let asking = state.label.asking;
+    titled_card(ui, "What is asked", |ui| {
+        row_ui(ui, "Pairs", in_short(asking.mix));
+        row_ui(ui, "Asked a second time", format!("{} %", asking.again));
+        if let Some(found) = state.session().and_then(|session| session.consistency(None)) {
+            row_ui(ui, "Answered as before", format!("{} of {}", found.n_same, found.n));
+        }
+        let config = MenuConfig::new().close_behavior(PopupCloseBehavior::CloseOnClickOutside);
+        MenuButton::new("Change what is asked").config(config).ui(ui, |ui| {
+            ui.set_width(WIDTH);
+            let mut changed = asking;
+            mix_ui(ui, state, &mut changed);
+            ui.add_space(GAP);
+            again_ui(ui, state, &mut changed);
+            if changed != asking {
+                commands.push(Command::Ask(changed));
+            }
+        });
+    });
+}
+
+/// How pairs are chosen, in two words.
+fn in_short(mix: Mix) -> &'static str {
+    match (mix.disagreement, mix.boundary, mix.uniform()) {
+        (0, 0, _) => "by chance",
+        (100, ..) => "most unsure",
+        (_, 100, _) => "near marks",
+        _ => "mixed",
+    }
+}
+
+fn mix_ui(ui: &mut Ui, state: &State, asking: &mut Asking) {
+    ui.label("What is asked about");
+    let mix = &mut asking.mix;
+    share_ui(ui, &mut mix.disagreement, 100, "where the reward is unsure")
+        .on_hover_text("Of ten pairs the one that the networks of the reward disagree about most");
+    let most = 100 - mix.disagreement.min(100);
+    share_ui(ui, &mut mix.boundary, 100, "near what was marked as unsafe")
+        .on_hover_text("One clip is from around a step that was marked while driving, the other by chance");
+    mix.boundary = mix.boundary.min(most);
+    ui.label(tokens::muted(ui, format!("{} % by chance, as in the paper", mix.uniform())));
+    for sentence in obstacles(state) {
+        let warn = Tokens::of(ui).warn;
+        ui.label(tokens::small(ui, sentence).color(warn));
+    }
+}
+
+fn again_ui(ui: &mut Ui, state: &State, asking: &mut Asking) {
+    ui.label("Asked a second time");
+    share_ui(ui, &mut asking.again, MOST_AGAIN, "with the sides changed over")
+        .on_hover_text("To see how steady the answers are; they are not learned from, and no count moves");
+    let consistency = state.session().and_then(|session| session.consistency(None));
+    let said = consistency.map_or_else(
+        || "Nothing was answered a second time yet".to_owned(),
+        |found| {
+            let critical = match found.n_critical {
+                0 => String::new(),
+                n => format!(", {n} differed about safety"),
+            };
+            format!("{} of {} were answered as before{critical}", found.n_same, found.n)
+        },
+    );
+    ui.label(tokens::muted(ui, said));
+}
+
+/// A share in percent.
+fn share_ui(ui: &mut Ui, percent: &mut u8, most: u8, name: &str) -> eframe::egui::Response {
+    ui.add(Slider::new(percent, 0..=most).suffix(" %").text(name))
+}
