@@ -5,6 +5,7 @@
 
 use std::f64::consts::PI;
 
+use super::car::{HULL, WHEEL};
 use super::raster::{Canvas, Color};
 use super::track::{HALF_WIDTH, NODE_STEP, PLAYFIELD, Track};
 use super::trig;
@@ -17,8 +18,6 @@ const ANCHOR: [f64; 2] = [500.0, 200.0];
 const ZOOM: [f64; 2] = [0.6, 16.2];
 /// Units a car unit.
 const CAR_SIZE: f32 = 0.02;
-/// Half width and half length of a wheel in car units.
-const WHEEL: [f32; 2] = [14.0, 27.0];
 /// Radius of the hole and of its rim in units.
 const CHUCKHOLE_RADII: [f64; 3] = [0.01, 1.2, 1.5];
 /// Corners of a chuckhole.
@@ -35,23 +34,6 @@ const BLACK: Color = [0; 3];
 const STRIPE: Color = [76; 3];
 const AGENT: Color = [204, 0, 0];
 const OTHER: Color = [0, 0, 204];
-
-/// The hull in car units.
-const HULL: [&[[f32; 2]]; 4] = [
-    &[[-60.0, 130.0], [60.0, 130.0], [60.0, 110.0], [-60.0, 110.0]],
-    &[[-15.0, 120.0], [15.0, 120.0], [20.0, 20.0], [-20.0, 20.0]],
-    &[
-        [25.0, 20.0],
-        [50.0, -10.0],
-        [50.0, -40.0],
-        [20.0, -90.0],
-        [-20.0, -90.0],
-        [-50.0, -40.0],
-        [-50.0, -10.0],
-        [-25.0, 20.0],
-    ],
-    &[[-50.0, -120.0], [50.0, -120.0], [50.0, -90.0], [-50.0, -90.0]],
-];
 
 /// What there is to see.
 #[derive(Clone, Debug)]
@@ -242,7 +224,7 @@ impl Painter {
         if !self.sees([f64::from(car.hull.x), f64::from(car.hull.y)], 4.0) {
             return;
         }
-        let [w, l] = WHEEL;
+        let [w, l] = WHEEL[1].map(|x| x as f32);
         for (pose, phase) in &car.wheels {
             self.body(pose, &[[-w, l], [w, l], [w, -l], [-w, -l]], BLACK);
             if let Some([near, far]) = stripe(*phase) {
@@ -250,8 +232,9 @@ impl Painter {
                 self.body(pose, &[[-w, near], [w, near], [w, far], [-w, far]], STRIPE);
             }
         }
-        for polygon in HULL {
-            self.body(&car.hull, polygon, if car.is_agent { AGENT } else { OTHER });
+        for part in HULL {
+            let polygon: Vec<_> = part.iter().map(|corner| corner.map(|x| x as f32)).collect();
+            self.body(&car.hull, &polygon, if car.is_agent { AGENT } else { OTHER });
         }
     }
 
