@@ -21,6 +21,8 @@ pub enum Deed {
     Pause,
     Step,
     Unsafe,
+    HandOver,
+    Beside,
     Leave,
     OnlyLeft,
     OnlyRight,
@@ -45,7 +47,7 @@ pub enum Deed {
 
 impl Deed {
     /// All of them, those of driving first.
-    pub(crate) const ALL: [Self; 30] = [
+    pub(crate) const ALL: [Self; 32] = [
         Self::SteerLeft,
         Self::SteerRight,
         Self::Gas,
@@ -56,6 +58,8 @@ impl Deed {
         Self::Pause,
         Self::Step,
         Self::Unsafe,
+        Self::HandOver,
+        Self::Beside,
         Self::Leave,
         Self::OnlyLeft,
         Self::OnlyRight,
@@ -91,6 +95,8 @@ impl Deed {
             Self::Pause => ("pause", &[Key::P]),
             Self::Step => ("one step, paused", &[Key::Period]),
             Self::Unsafe => ("unsafe now", &[Key::U]),
+            Self::HandOver => ("hand over", &[Key::M]),
+            Self::Beside => ("dream beside the real car", &[Key::B]),
             Self::Leave => ("leave", &[Key::Escape]),
             Self::OnlyLeft => ("only left is safe", &[Key::A]),
             Self::OnlyRight => ("only right is safe", &[Key::D]),

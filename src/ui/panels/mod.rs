@@ -1,15 +1,19 @@
 //! What is drawn: functions of the state that push commands.
 
 mod answers;
+mod beside;
 mod deploy;
 mod dream;
 mod help;
 mod label;
+mod pad;
 mod rail;
 mod record;
+mod review;
 mod reward;
 mod sessions;
 mod status;
+mod weights;
 mod world;
 
 use eframe::egui::{CentralPanel, Frame, Key, Margin, Panel as Side, Ui};
