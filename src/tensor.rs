@@ -2,7 +2,7 @@
 
 pub mod adam;
 
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 use rand::{Rng, RngExt as _};
 use rand_distr::{Distribution as _, StandardNormal};
@@ -109,9 +109,17 @@ pub enum ParametersError {
 
 /// The parameters of networks as safetensors bytes: what crosses a channel and what lies in a file.
 #[derive(Clone)]
-pub struct Parameters(Arc<[u8]>);
+pub struct Parameters {
+    bytes: Arc<[u8]>,
+    /// Their hash, once it was asked for: of a large file it takes a while.
+    hash: Arc<OnceLock<String>>,
+}
 
 impl Parameters {
+    fn new(bytes: Arc<[u8]>) -> Self {
+        Self { bytes, hash: Arc::default() }
+    }
+
     /// Those of every variable in `stores`, each under `prefix.name`, with `metadata` in the header.
     pub fn of(stores: &[(&str, &nn::VarStore)], metadata: &[(&str, String)]) -> Self {
         let variables = stores.iter().flat_map(|(prefix, store)| {
@@ -139,19 +147,20 @@ impl Parameters {
         });
         let metadata = metadata.iter().map(|(key, value)| ((*key).to_owned(), value.clone())).collect();
         let bytes = safetensors::serialize(views, Some(metadata));
-        Self(bytes.unwrap_or_else(|e| unreachable!("every view is whole: {e}")).into())
+        Self::new(bytes.unwrap_or_else(|e| unreachable!("every view is whole: {e}")).into())
     }
 
     /// Those in `bytes`, if they can be read.
     pub fn from_bytes(bytes: impl Into<Arc<[u8]>>) -> Result<Self, ParametersError> {
         let bytes = bytes.into();
         SafeTensors::deserialize(&bytes).map_err(|e| ParametersError::Damaged(e.to_string()))?;
-        Ok(Self(bytes))
+        Ok(Self::new(bytes))
     }
 
     /// Copies these into the variables of `store`, whose names here begin with `prefix`.
     pub fn load(&self, prefix: &str, store: &nn::VarStore) -> Result<(), ParametersError> {
-        let file = SafeTensors::deserialize(&self.0).map_err(|e| ParametersError::Damaged(e.to_string()))?;
+        let file =
+            SafeTensors::deserialize(&self.bytes).map_err(|e| ParametersError::Damaged(e.to_string()))?;
         for (name, mut variable) in store.variables() {
             let name = format!("{prefix}.{name}");
             let view = file.tensor(&name).map_err(|_| ParametersError::Missing(name.clone()))?;
@@ -170,7 +179,7 @@ impl Parameters {
         others: impl IntoIterator<Item = (String, Tensor)>,
         metadata: &[(&str, String)],
     ) -> Self {
-        let Ok((_, header)) = SafeTensors::read_metadata(&self.0) else { return self.clone() };
+        let Ok((_, header)) = SafeTensors::read_metadata(&self.bytes) else { return self.clone() };
         let old = header.metadata().clone().unwrap_or_default();
         let old = old.iter().map(|(key, value)| (key.as_str(), value.clone()));
         let metadata: Vec<_> = old.chain(metadata.iter().cloned()).collect();
@@ -181,7 +190,7 @@ impl Parameters {
 
     /// The tensor called `name`.
     pub fn tensor(&self, name: &str) -> Option<Tensor> {
-        let file = SafeTensors::deserialize(&self.0).ok()?;
+        let file = SafeTensors::deserialize(&self.bytes).ok()?;
         let view = file.tensor(name).ok().filter(|view| view.dtype() == Dtype::F32)?;
         let shape: Vec<i64> = view.shape().iter().map(|&n| n as i64).collect();
         Some(from_slice(&floats(view.data()), &shape))
@@ -189,18 +198,18 @@ impl Parameters {
 
     /// The value of `key` in the header.
     pub fn metadata(&self, key: &str) -> Option<String> {
-        let (_, header) = SafeTensors::read_metadata(&self.0).ok()?;
+        let (_, header) = SafeTensors::read_metadata(&self.bytes).ok()?;
         header.metadata().as_ref()?.get(key).cloned()
     }
 
     /// The bytes of a safetensors file.
     pub fn bytes(&self) -> &[u8] {
-        &self.0
+        &self.bytes
     }
 
     /// What identifies them: the [`sha256`] of the bytes.
     pub fn hash(&self) -> String {
-        sha256(&self.0)
+        self.hash.get_or_init(|| sha256(&self.bytes)).clone()
     }
 }
 
@@ -211,7 +220,7 @@ fn floats(bytes: &[u8]) -> Vec<f32> {
 
 impl std::fmt::Debug for Parameters {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(f, "Parameters({} bytes)", self.0.len())
+        write!(f, "Parameters({} bytes)", self.bytes.len())
     }
 }
 

@@ -14,7 +14,7 @@ use dropj::query::{
 };
 use dropj::reward::{RewardConfig, RewardEnsemble, SegmentPair, Trainer, segment_rows};
 use dropj::session::{
-    Answer, Choice, DreamSource, Event, Fit, Header, SessionError, SessionStore, recent, replay,
+    Answer, Choice, DreamSource, Event, FORMAT, Fit, Header, SessionError, SessionStore, recent, replay,
 };
 use dropj::tensor::Parameters;
 use dropj::world_model::{LatentState, WorldModel, WorldModelConfig, untrained};
@@ -326,7 +326,7 @@ fn a_session_of_the_first_format_goes_on_in_this_one() {
     assert_eq!(Header::read(&path).unwrap().format, 1);
     let mut store = SessionStore::open(&path, None).unwrap();
     store.record(Event::ProtocolChanged { protocol: Protocol::Drop }).unwrap();
-    assert_eq!(Header::read(&path).unwrap().format, 2);
+    assert_eq!(Header::read(&path).unwrap().format, FORMAT);
 }
 
 #[test]

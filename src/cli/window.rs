@@ -1,12 +1,13 @@
 //! `dropj` without a subcommand: the window.
 
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use clap::ValueEnum as _;
 use dropj::reward::RewardConfig;
 use dropj::session::SessionStore;
 use dropj::tensor::from_slice;
-use dropj::ui::{self, DreamStart, LoadedWorld, Plans, Startup, Threads, system_pads};
+use dropj::ui::{self, DreamStart, FirstWorld, LoadedWorld, Plans, Startup, Threads, system_pads};
 use dropj::world_model::fit::FitConfig;
 
 use super::{EnvName, models};
@@ -52,9 +53,9 @@ pub(crate) fn run(options: Options) -> anyhow::Result<()> {
         env: env.name().to_owned(),
         sessions: options.sessions,
         dataset: options.data.unwrap_or_else(|| Path::new("data").join(env.name())),
-        world: load(&world),
+        world: FirstWorld::In(world),
         session,
-        load: Box::new(load),
+        load: Arc::new(load),
         hire: Box::new(|reports, model| Box::new(Threads::new(plans, reports, model))),
         input: system_pads(),
     };

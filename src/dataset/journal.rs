@@ -6,7 +6,8 @@
 //!   payload: 'I' info as JSON · 'S' wall clock i64, action 3 f32, reward f32, touched u8, PNG · 'E' done u8, PNG
 //! ```
 //!
-//! The bits of what was touched, from the lowest: grass, chuckhole, car, whether the world has the latter two.
+//! The bits of what was touched, from the lowest: grass, chuckhole, car, whether the world has the latter two; then
+//! whether the planner drove.
 //! Numbers are little-endian. A torn last record is dropped, with a warning.
 
 use std::fs::{self, File};
@@ -63,6 +64,8 @@ pub(super) struct Row {
     pub(super) grass: bool,
     pub(super) contacts: Option<Contacts>,
     pub(super) wall_time_ns: i64,
+    /// Whether the planner drove, and not whoever is named as the pilot.
+    pub(super) planned: bool,
 }
 
 /// The frame after the last action, and whether the environment ended the episode.
@@ -106,6 +109,11 @@ impl Recording {
     /// # Panics
     /// Where the action or the reward is not finite.
     pub fn push(&mut self, step: &StepRecord) -> Result<(), DatasetError> {
+        self.push_by(step, false)
+    }
+
+    /// The same, where `planned` says whether the planner drove.
+    pub fn push_by(&mut self, step: &StepRecord, planned: bool) -> Result<(), DatasetError> {
         let numbers = [step.action.steer, step.action.gas, step.action.brake, step.reward];
         assert!(
             numbers.iter().all(|number| number.is_finite()),
@@ -119,6 +127,7 @@ impl Recording {
             grass: step.grass,
             contacts: step.contacts,
             wall_time_ns: step.wall_time_ns,
+            planned,
         };
         self.append(&record(&row.to_payload()))?;
         self.side = Some(step.frame.side());
@@ -194,7 +203,7 @@ impl Row {
             bytes.extend(number.to_le_bytes());
         }
         let Contacts { chuckhole, car } = self.contacts.unwrap_or_default();
-        let touched = [self.grass, chuckhole, car, self.contacts.is_some()];
+        let touched = [self.grass, chuckhole, car, self.contacts.is_some(), self.planned];
         bytes.push((0..).zip(touched).map(|(bit, is)| u8::from(is) << bit).sum());
         bytes
     }
@@ -211,6 +220,7 @@ impl Row {
             grass: is(0),
             contacts: is(3).then(|| Contacts { chuckhole: is(1), car: is(2) }),
             wall_time_ns: i64::from_le_bytes(*head.get(1..)?.first_chunk()?),
+            planned: is(4),
         })
     }
 }

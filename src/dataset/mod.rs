@@ -29,6 +29,7 @@ mod table;
 #[cfg(test)]
 mod tests;
 
+use std::ops::Range;
 use std::path::PathBuf;
 
 use serde::{Deserialize, Serialize};
@@ -90,6 +91,8 @@ pub struct Episode {
     pub wall_times_ns: Vec<i64>,
     /// Whether the environment ended it, and not the driver or a crash of the program.
     pub done: bool,
+    /// The steps that the planner drove, and not whoever is named as the pilot.
+    pub planned: Vec<Range<usize>>,
 }
 
 /// An episode that was being driven when the program stopped.

@@ -51,6 +51,9 @@ pub(super) struct Notes {
     pub(super) side: u32,
     /// Whether the environment ended it.
     pub(super) done: bool,
+    /// The steps that the planner drove, from the first to before the last of each stretch.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub(super) planned: Vec<[usize; 2]>,
     /// The statistics of each column.
     pub(super) stats: BTreeMap<String, Stats>,
 }
@@ -84,6 +87,7 @@ pub(super) fn write(
         n_steps,
         side,
         done: take.end.as_ref().is_some_and(|end| end.done),
+        planned: planned(&take.rows),
         stats: statistics(&columns, &take.rows).map_err(damaged)?,
     };
     let images = take.rows.iter().map(|row| ByteArray::from(row.png.clone())).collect();
@@ -95,6 +99,16 @@ pub(super) fn write(
     let bytes = to_parquet(columns, footer).map_err(|error| damaged(error.to_string()))?;
     disk::replace(&path, &bytes)?;
     Ok(notes)
+}
+
+/// The stretches that the planner drove.
+fn planned(rows: &[Row]) -> Vec<[usize; 2]> {
+    let mut at = 0;
+    let stretches = rows.chunk_by(|a, b| a.planned == b.planned).map(|stretch| {
+        at += stretch.len();
+        (stretch[0].planned, [at - stretch.len(), at])
+    });
+    stretches.filter_map(|(is_planned, ends)| is_planned.then_some(ends)).collect()
 }
 
 /// All columns but the frames.
@@ -211,8 +225,9 @@ impl Sealed {
         if let Some(frame) = frames.iter().find(|frame| frame.side() != self.notes.side) {
             return Err(format!("a frame has {} pixels a side, not {}", frame.side(), self.notes.side));
         }
-        let Notes { number, info, done, .. } = self.notes.clone();
-        Ok(Episode { number, info, frames, actions, rewards, grass, contacts, wall_times_ns, done })
+        let Notes { number, info, done, planned, .. } = self.notes.clone();
+        let planned = planned.into_iter().map(|[from, to]| from..to).collect();
+        Ok(Episode { number, info, frames, actions, rewards, grass, contacts, wall_times_ns, done, planned })
     }
 
     /// What was touched, where the world has obstacles.

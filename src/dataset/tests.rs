@@ -54,11 +54,35 @@ fn expected(number: usize, seed: u64, n_steps: usize) -> Episode {
         contacts: steps.iter().filter_map(|step| step.contacts).collect(),
         wall_times_ns: steps.iter().map(|step| step.wall_time_ns).collect(),
         done: true,
+        planned: Vec::new(),
     }
 }
 
 fn episode_file(dir: &Path, number: usize) -> PathBuf {
     dir.join(format!("data/chunk-000/file-{number:03}.parquet"))
+}
+
+#[test]
+fn who_drove_each_step_is_kept_even_where_the_program_was_killed() {
+    let dir = tempfile::tempdir().unwrap();
+    let planned = |index: usize| (2..5).contains(&index) || index == 7;
+    let drive = |dataset: &Dataset| {
+        let mut recording = dataset.begin(info(1)).unwrap();
+        for index in 0..8 {
+            recording.push_by(&step(index), planned(index)).unwrap();
+        }
+        recording
+    };
+    let mut dataset = Dataset::create_or_open(dir.path(), "dummy").unwrap();
+    let recording = drive(&dataset);
+    dataset.seal(recording, &frame(8), true).unwrap();
+    drop(drive(&dataset));
+    drop(dataset);
+    let mut dataset = Dataset::create_or_open(dir.path(), "dummy").unwrap();
+    dataset.recover(0).unwrap();
+    for idx in 0..2 {
+        assert_eq!(dataset.episode(idx).unwrap().planned, [2..5, 7..8]);
+    }
 }
 
 #[test]

@@ -2,6 +2,8 @@
 //!
 //! A dream holds no randomness of its own: its noise comes from the generator that its caller gives it.
 
+use std::ops::Range;
+
 use rand::Rng;
 
 use crate::env::{Action, Frame};
@@ -63,13 +65,15 @@ pub struct DreamEpisode {
     pub unsafe_marks: Vec<usize>,
     /// The seed of its noise.
     pub seed: u64,
+    /// The steps that the planner drove, in order and apart; the others were driven by hand.
+    pub planned: Vec<Range<usize>>,
 }
 
 impl DreamEpisode {
     /// An episode of no steps yet.
     pub fn new(start: LatentState, seed: u64) -> Self {
         let zs = Rows { width: start.z.len(), values: Vec::new() };
-        Self { start, zs, actions: Vec::new(), unsafe_marks: Vec::new(), seed }
+        Self { start, zs, actions: Vec::new(), unsafe_marks: Vec::new(), seed, planned: Vec::new() }
     }
 
     /// How many steps it has.
@@ -85,6 +89,26 @@ impl DreamEpisode {
     /// Whether it is long enough to show a segment of.
     pub fn is_usable(&self) -> bool {
         self.len() >= SEGMENT_LEN
+    }
+
+    /// Whether the planner drove step `t`.
+    pub fn is_planned(&self, t: usize) -> bool {
+        self.planned.iter().any(|range| range.contains(&t))
+    }
+
+    /// How many steps the planner drove.
+    pub fn n_planned(&self) -> usize {
+        self.planned.iter().map(Range::len).sum()
+    }
+
+    /// Notes that the planner drove the last step.
+    pub fn note_planned(&mut self) {
+        let n = self.len();
+        match self.planned.last_mut() {
+            Some(last) if last.end + 1 == n => last.end = n,
+            _ if n > 0 => self.planned.push(n - 1..n),
+            _ => {}
+        }
     }
 
     /// The features `[z | c | h]` of every step, remembered anew.
@@ -104,7 +128,7 @@ impl DreamEpisode {
     ///
     /// # Panics
     /// Where the range reaches beyond the episode.
-    pub fn frames(&self, model: &WorldModel, range: std::ops::Range<usize>) -> Vec<Frame> {
+    pub fn frames(&self, model: &WorldModel, range: Range<usize>) -> Vec<Frame> {
         let width = self.zs.width;
         let zs = &self.zs.values[range.start * width..range.end * width];
         model.decode(&from_slice(zs, &[range.len() as i64, width as i64]))
@@ -131,6 +155,12 @@ impl Dream {
         self.episode.zs.push(&to_vec(&self.state.z));
         self.episode.actions.push(action);
         self.state = model.imagine(&self.state, &actions_tensor(&[action]), next);
+    }
+
+    /// The same, with an action that the planner chose.
+    pub fn step_planned(&mut self, model: &WorldModel, action: Action, rng: &mut impl Rng) {
+        self.step(model, action, rng);
+        self.episode.note_planned();
     }
 
     /// Marks the present step as unsafe.
@@ -182,6 +212,23 @@ mod tests {
         let apart = live.iter().zip(&anew.values).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
         assert_eq!(anew.len(), 30);
         assert!(apart < 1e-5, "{apart}");
+    }
+
+    #[test]
+    fn who_drove_each_step_is_kept() {
+        let model = untrained(&WorldModelConfig::tiny(), &mut ChaCha8Rng::seed_from_u64(1));
+        let start = LatentState { z: vec![0.0; 4], c: vec![0.0; 16], h: vec![0.0; 16] };
+        let (mut dream, rng) = (Dream::new(&start, 0), &mut ChaCha8Rng::seed_from_u64(0));
+        for t in 0..9 {
+            if [2, 3, 4, 8].contains(&t) {
+                dream.step_planned(&model, Action::default(), rng);
+            } else {
+                dream.step(&model, Action::default(), rng);
+            }
+        }
+        let episode = dream.finish();
+        assert_eq!((&episode.planned[..], episode.n_planned()), (&[2..5, 8..9][..], 4));
+        assert!(episode.is_planned(4) && !episode.is_planned(5), "ranges end before their end");
     }
 
     #[test]

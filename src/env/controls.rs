@@ -19,8 +19,67 @@ pub enum DrivingKey {
     Down,
 }
 
-/// How much a held key gives, and where a pad begins to give anything.
+/// The stick that steers, sideways.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub enum SteerAxis {
+    /// The left one.
+    #[default]
+    LeftStick,
+    /// The right one.
+    RightStick,
+}
+
+impl SteerAxis {
+    /// All of them.
+    pub const ALL: [Self; 2] = [Self::LeftStick, Self::RightStick];
+
+    /// In words.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::LeftStick => "left stick",
+            Self::RightStick => "right stick",
+        }
+    }
+}
+
+/// What gives gas or brakes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum PedalAxis {
+    /// The left trigger.
+    LeftTrigger,
+    /// The right trigger.
+    RightTrigger,
+    /// The left stick, pushed away.
+    LeftUp,
+    /// The left stick, pulled near.
+    LeftDown,
+    /// The right stick, pushed away.
+    RightUp,
+    /// The right stick, pulled near.
+    RightDown,
+}
+
+impl PedalAxis {
+    /// All of them.
+    pub const ALL: [Self; 6] =
+        [Self::RightTrigger, Self::LeftTrigger, Self::RightUp, Self::RightDown, Self::LeftUp, Self::LeftDown];
+
+    /// In words.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::LeftTrigger => "left trigger",
+            Self::RightTrigger => "right trigger",
+            Self::LeftUp => "left stick up",
+            Self::LeftDown => "left stick down",
+            Self::RightUp => "right stick up",
+            Self::RightDown => "right stick down",
+        }
+    }
+}
+
+/// How much a held key gives, and how a pad answers.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
 pub struct ControlConfig {
     /// Steering of ← and →, in `[0, 1]`; the authors' recorder: 1.
     pub key_steer: f32,
@@ -30,12 +89,29 @@ pub struct ControlConfig {
     pub key_brake: f32,
     /// How far a stick or trigger moves before it counts, in `[0, 0.9]`; beyond it the range begins again at 0.
     pub dead_zone: f32,
+    /// The exponent of a stick or trigger beyond its dead zone, in `[1, 3]`; 1 is straight.
+    pub curve: f32,
+    /// What steers.
+    pub steer_by: SteerAxis,
+    /// What gives gas.
+    pub gas_by: PedalAxis,
+    /// What brakes.
+    pub brake_by: PedalAxis,
 }
 
 impl ControlConfig {
     /// The keys of the authors' recorder (method §5), and a dead zone for worn sticks.
     pub fn paper() -> Self {
-        Self { key_steer: 1.0, key_gas: 1.0, key_brake: 0.8, dead_zone: 0.1 }
+        Self {
+            key_steer: 1.0,
+            key_gas: 1.0,
+            key_brake: 0.8,
+            dead_zone: 0.1,
+            curve: 1.0,
+            steer_by: SteerAxis::LeftStick,
+            gas_by: PedalAxis::RightTrigger,
+            brake_by: PedalAxis::LeftTrigger,
+        }
     }
 
     /// The same with every value moved into its range, and values that are no number into the paper's.
@@ -47,6 +123,19 @@ impl ControlConfig {
             key_gas: within(self.key_gas, 1.0, paper.key_gas),
             key_brake: within(self.key_brake, 1.0, paper.key_brake),
             dead_zone: within(self.dead_zone, 0.9, paper.dead_zone),
+            curve: within(self.curve, 3.0, paper.curve).max(1.0),
+            ..self
+        }
+    }
+
+    /// The same with every key giving half: for slow and careful driving.
+    #[must_use]
+    pub fn halved(self) -> Self {
+        Self {
+            key_steer: self.key_steer / 2.0,
+            key_gas: self.key_gas / 2.0,
+            key_brake: self.key_brake / 2.0,
+            ..self
         }
     }
 }
@@ -127,20 +216,38 @@ pub struct Pad {
     pub right_trigger: f32,
     /// Left trigger, in `[0, 1]`.
     pub left_trigger: f32,
+    /// Left stick, away from the hand, in `[-1, 1]`.
+    pub left_y: f32,
+    /// Right stick, sideways, in `[-1, 1]`; positive is right.
+    pub right_x: f32,
+    /// Right stick, away from the hand, in `[-1, 1]`.
+    pub right_y: f32,
 }
 
 impl Pad {
-    /// What the pad says: the stick steers, the right trigger is gas, the left one brakes.
+    /// What the pad says, by the axes that `config` names.
     pub fn action(&self, config: &ControlConfig) -> Action {
-        let dead_zone = config.clamped().dead_zone;
+        let ControlConfig { dead_zone, curve, .. } = config.clamped();
         let beyond = |value: f32| {
             if value.is_nan() {
                 return 0.0;
             }
-            let distance = ((value.abs().min(1.0) - dead_zone) / (1.0 - dead_zone)).max(0.0);
+            let distance = ((value.abs().min(1.0) - dead_zone) / (1.0 - dead_zone)).max(0.0).powf(curve);
             if value < 0.0 { -distance } else { distance }
         };
-        Action::new(beyond(self.stick), beyond(self.right_trigger), beyond(self.left_trigger))
+        let steer = match config.steer_by {
+            SteerAxis::LeftStick => self.stick,
+            SteerAxis::RightStick => self.right_x,
+        };
+        let pedal = |axis| match axis {
+            PedalAxis::LeftTrigger => self.left_trigger,
+            PedalAxis::RightTrigger => self.right_trigger,
+            PedalAxis::LeftUp => self.left_y.max(0.0),
+            PedalAxis::LeftDown => (-self.left_y).max(0.0),
+            PedalAxis::RightUp => self.right_y.max(0.0),
+            PedalAxis::RightDown => (-self.right_y).max(0.0),
+        };
+        Action::new(beyond(steer), beyond(pedal(config.gas_by)), beyond(pedal(config.brake_by)))
     }
 }
 
@@ -233,14 +340,36 @@ mod tests {
 
     #[test]
     fn triggers_give_gas_and_brake_and_never_less_than_none() {
-        let pad = Pad { stick: f32::NAN, right_trigger: 1.0, left_trigger: -1.0 };
+        let pad = Pad { stick: f32::NAN, right_trigger: 1.0, left_trigger: -1.0, ..Pad::default() };
 
         assert_eq!(pad.action(&ControlConfig::paper()), Action::new(0.0, 1.0, 0.0));
     }
 
     #[test]
+    fn a_curve_is_gentle_in_the_middle_and_whole_at_the_end() {
+        let config = ControlConfig { dead_zone: 0.0, curve: 2.0, ..ControlConfig::paper() };
+        let steer = |stick| Pad { stick, ..Pad::default() }.action(&config).steer;
+
+        assert_eq!([steer(0.5), steer(-0.5), steer(1.0)], [0.25, -0.25, 1.0]);
+    }
+
+    #[test]
+    fn other_axes_can_steer_and_give_gas() {
+        let config = ControlConfig {
+            dead_zone: 0.0,
+            steer_by: SteerAxis::RightStick,
+            gas_by: PedalAxis::LeftUp,
+            brake_by: PedalAxis::LeftDown,
+            ..ControlConfig::paper()
+        };
+        let pad = Pad { stick: 1.0, right_trigger: 1.0, left_y: -0.5, right_x: -0.25, ..Pad::default() };
+
+        assert_eq!(pad.action(&config), Action::new(-0.25, 0.0, 0.5));
+    }
+
+    #[test]
     fn keys_and_pad_combine_control_by_control() {
-        let pad = Pad { stick: 0.55, right_trigger: 0.55, left_trigger: 0.0 };
+        let pad = Pad { stick: 0.55, right_trigger: 0.55, ..Pad::default() };
 
         let action = combined(&holding(&[DrivingKey::Left]), &pad, &ControlConfig::paper());
 
@@ -250,7 +379,12 @@ mod tests {
 
     #[test]
     fn a_setting_that_is_no_number_falls_back_to_the_paper() {
-        let config = ControlConfig { key_gas: f32::NAN, dead_zone: f32::NAN, ..ControlConfig::paper() };
+        let config = ControlConfig {
+            key_gas: f32::NAN,
+            dead_zone: f32::NAN,
+            curve: f32::NAN,
+            ..ControlConfig::paper()
+        };
 
         assert_eq!(config.clamped(), ControlConfig::paper());
     }

@@ -4,6 +4,7 @@
 
 pub mod agent;
 pub mod candidates;
+pub mod co_driver;
 
 use rand::Rng;
 use serde::{Deserialize, Serialize};
@@ -17,6 +18,7 @@ use crate::world_model::{Next, State, WorldModel, actions_tensor};
 
 pub use agent::Agent;
 pub use candidates::{N_CANDIDATES, candidates};
+pub use co_driver::CoDriver;
 
 /// How the planner looks ahead (method §11).
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

@@ -18,10 +18,15 @@ pub(crate) fn write_whole(path: &Path, bytes: &[u8], tried: &'static str) -> Res
 /// A dream as a safetensors file; the same dream has the same bytes.
 pub fn dream_to_bytes(episode: &DreamEpisode) -> Vec<u8> {
     let floats = |values: &[f32]| values.iter().flat_map(|v| v.to_le_bytes()).collect::<Vec<u8>>();
-    let DreamEpisode { start, zs, actions, unsafe_marks, seed } = episode;
+    let DreamEpisode { start, zs, actions, unsafe_marks, seed, planned } = episode;
     let action_values: Vec<f32> = actions.iter().flat_map(|action| action.to_array()).collect();
     let marks: Vec<u8> = unsafe_marks.iter().flat_map(|&mark| (mark as u32).to_le_bytes()).collect();
-    let arrays = [
+    let ends: Vec<u8> = planned
+        .iter()
+        .flat_map(|range| [range.start, range.end])
+        .flat_map(|t| (t as u32).to_le_bytes())
+        .collect();
+    let mut arrays = vec![
         ("start.z", Dtype::F32, vec![start.z.len()], floats(&start.z)),
         ("start.c", Dtype::F32, vec![start.c.len()], floats(&start.c)),
         ("start.h", Dtype::F32, vec![start.h.len()], floats(&start.h)),
@@ -29,6 +34,10 @@ pub fn dream_to_bytes(episode: &DreamEpisode) -> Vec<u8> {
         ("actions", Dtype::F32, vec![actions.len(), Action::LEN], floats(&action_values)),
         ("unsafe_marks", Dtype::U32, vec![unsafe_marks.len()], marks),
     ];
+    // Where nobody handed over, the file is what it always was.
+    if !planned.is_empty() {
+        arrays.push(("planned", Dtype::U32, vec![planned.len(), 2], ends));
+    }
     let views = arrays.iter().map(|(name, dtype, shape, bytes)| {
         let view = TensorView::new(*dtype, shape.clone(), bytes);
         (name, view.unwrap_or_else(|e| unreachable!("sizes come from the dream itself: {e}")))
@@ -59,6 +68,9 @@ pub fn dream_from_bytes(bytes: &[u8]) -> Result<DreamEpisode, String> {
     let (values, shape) = floats("zs")?;
     let (action_values, action_shape) = floats("actions")?;
     let (marks, _) = words("unsafe_marks", Dtype::U32)?;
+    let ends = if file.tensor("planned").is_ok() { words("planned", Dtype::U32)?.0 } else { Vec::new() };
+    let at = |word: [u8; 4]| u32::from_le_bytes(word) as usize;
+    let planned = ends.as_chunks::<2>().0.iter().map(|&[from, to]| at(from)..at(to)).collect();
     let is_whole = matches!((&shape[..], &action_shape[..]), ([t, z], [n, a])
         if t == n && *z == start.z.len() && *a == Action::LEN && start.c.len() == start.h.len());
     if !is_whole {
@@ -71,6 +83,7 @@ pub fn dream_from_bytes(bytes: &[u8]) -> Result<DreamEpisode, String> {
         actions: actions.iter().copied().map(Action::from).collect(),
         unsafe_marks: marks.into_iter().map(|mark| u32::from_le_bytes(mark) as usize).collect(),
         seed: seed.ok_or("it has no seed")?,
+        planned,
     })
 }
 
@@ -103,6 +116,8 @@ mod tests {
             let bytes = dream_to_bytes(&dream);
             assert_eq!(dream_from_bytes(&bytes), Ok(dream.clone()));
             assert_eq!(bytes, dream_to_bytes(&dream), "the same dream has the same bytes");
+            let shared = DreamEpisode { planned: vec![3..9, 20..33], ..dream };
+            assert_eq!(dream_from_bytes(&dream_to_bytes(&shared)), Ok(shared));
         }
     }
 

@@ -2,7 +2,7 @@
 
 use std::path::{Component, Path};
 
-use crate::query::{Query, QueryId, Response, SEGMENT_LEN, SegmentRef, Weights};
+use crate::query::{DreamId, Query, QueryId, Response, SEGMENT_LEN, SegmentRef, Weights};
 use crate::session::error::Impossible;
 use crate::session::event::{Answer, Choice, Event};
 use crate::session::{Given, Session};
@@ -20,6 +20,14 @@ impl Session {
                 }
                 check_inside(&kept.file)
             }
+            &Event::DreamDropped { dream } => {
+                self.check_in_use(dream)?;
+                match self.n_resting_on(dream) {
+                    0 => Ok(()),
+                    n => Err(Impossible::Rests { dream, n }),
+                }
+            }
+            &Event::DreamRestored { dream } if !self.is_dropped(dream) => Err(Impossible::NotDropped(dream)),
             Event::Asked { query, left, right, choice } => self.check_asked(*query, [*left, *right], *choice),
             Event::Answered(answer) => self.check_answer(answer),
             Event::SkipExplained { query, .. } => match self.asked(*query)?.answer() {
@@ -32,7 +40,8 @@ impl Session {
             Event::Restored { query } if self.asked(*query)?.retracted.is_empty() => {
                 Err(Impossible::NotRetracted(*query))
             }
-            Event::ProtocolChanged { .. } | Event::Retracted { .. } | Event::Restored { .. } => Ok(()),
+            Event::Retracted { query } | Event::Restored { query } => self.check_shown(*query),
+            Event::ProtocolChanged { .. } | Event::DreamRestored { .. } => Ok(()),
             Event::Flagged { query } | Event::Unflagged { query } => self.asked(*query).map(drop),
             Event::WeightsChanged { weights } => {
                 let names = |weights: &Weights| -> Vec<String> {
@@ -56,6 +65,20 @@ impl Session {
         }
     }
 
+    /// Whether `dream` is there and was not dropped.
+    fn check_in_use(&self, dream: DreamId) -> Result<(), Impossible> {
+        if dream.0 as usize >= self.dreams.len() {
+            return Err(Impossible::Segment(SegmentRef { dream, start: 0 }));
+        }
+        if self.is_dropped(dream) { Err(Impossible::Dropped(dream)) } else { Ok(()) }
+    }
+
+    /// Whether what `query` shows is in use.
+    fn check_shown(&self, query: QueryId) -> Result<(), Impossible> {
+        let Query { left, right, .. } = self.asked(query)?.query;
+        self.check_in_use(left.dream).and_then(|()| self.check_in_use(right.dream))
+    }
+
     fn check_asked(
         &self,
         query: QueryId,
@@ -70,6 +93,7 @@ impl Session {
             if segment.start.saturating_add(SEGMENT_LEN) > len {
                 return Err(Impossible::Segment(segment));
             }
+            self.check_in_use(segment.dream)?;
         }
         if let Choice::Again(of) = choice {
             let Query { left, right, .. } = self.asked(of)?.query;
@@ -82,6 +106,9 @@ impl Session {
 
     fn check_answer(&self, answer: &Answer) -> Result<(), Impossible> {
         let query = self.asked(answer.query)?.query.id;
+        if !matches!(answer.response, Response::Skipped(_)) {
+            self.check_shown(query)?;
+        }
         if !self.protocol.permits(&answer.response) {
             return Err(Impossible::Response { query, protocol: self.protocol });
         }

@@ -27,6 +27,23 @@ pub enum Impossible {
         /// How many there are.
         len: usize,
     },
+    /// A dream was dropped, so nothing can be said about it.
+    #[error("dream {} was deleted; bring it back first", .0.0 + 1)]
+    Dropped(DreamId),
+    /// A dream was not dropped, so it cannot be brought back.
+    #[error("dream {} was not deleted", .0.0 + 1)]
+    NotDropped(DreamId),
+    /// Answers rest on a dream.
+    #[error(
+        "dream {} cannot be deleted, for {n} answers rest on it: take those back first, or skip these queries",
+        .dream.0 + 1
+    )]
+    Rests {
+        /// The dream.
+        dream: DreamId,
+        /// How many answers that count.
+        n: usize,
+    },
     /// A query has not the number that is next.
     #[error("query {} was asked where query {next} is next", .found.0)]
     QueryNumber {

@@ -13,6 +13,16 @@ use crate::query::{DreamId, Protocol, QueryId, Response, SegmentRef, SkipReason,
 pub enum Event {
     /// A dream was driven and kept.
     DreamKept(KeptDream),
+    /// A dream is no longer used: nothing is asked about it; its file stays, so that this can be taken back.
+    DreamDropped {
+        /// Which.
+        dream: DreamId,
+    },
+    /// A dream that was dropped is used again.
+    DreamRestored {
+        /// Which.
+        dream: DreamId,
+    },
     /// A query was drawn, and will be shown.
     Asked {
         /// Its number: how many were asked before.
@@ -88,10 +98,18 @@ pub struct KeptDream {
     pub marks: Vec<usize>,
     /// Who drove.
     pub source: DreamSource,
+    /// How many of its steps the planner drove.
+    #[serde(default, skip_serializing_if = "is_none")]
+    pub planned: usize,
     /// Its file, from the session's folder.
     pub file: String,
     /// The hash of that file.
     pub sha256: String,
+}
+
+#[expect(clippy::trivially_copy_pass_by_ref, reason = "serde asks so")]
+fn is_none(n: &usize) -> bool {
+    *n == 0
 }
 
 /// Who drove a dream.
@@ -247,6 +265,7 @@ mod tests {
             seed: u64::MAX,
             marks: vec![412, 413],
             source: DreamSource::User,
+            planned: 0,
             file: "dreams/0000.safetensors".to_owned(),
             sha256: "sha256:00".to_owned(),
         };
@@ -261,7 +280,7 @@ mod tests {
         let fit =
             Fit { after: 9, n_labels: 4, seed: 7, epochs: 100, losses: vec![0.5, 0.25], held_out: None };
         vec![
-            Event::DreamKept(kept),
+            Event::DreamKept(kept.clone()),
             asked(Choice::Uniform),
             asked(Choice::Again(QueryId(0))),
             answered(Response::Safety(SafetyAnswer::Both(Preference::Right))),
@@ -277,6 +296,9 @@ mod tests {
             Event::Fitted { fit, file: "reward/0000.safetensors".to_owned(), sha256: "sha256:00".to_owned() },
             Event::ProtocolChanged { protocol: Protocol::DropjMulti },
             Event::SkipExplained { query, reason: SkipReason::Ambiguous },
+            Event::DreamKept(KeptDream { planned: 120, ..kept }),
+            Event::DreamDropped { dream: DreamId(0) },
+            Event::DreamRestored { dream: DreamId(0) },
         ]
     }
 
@@ -304,6 +326,9 @@ mod tests {
         {"event":"fitted","fit":{"after":9,"n_labels":4,"seed":7,"epochs":100,"losses":[0.5,0.25]},"file":"reward/0000.safetensors","sha256":"sha256:00","seq":13,"at":1795342500000}
         {"event":"protocol_changed","protocol":"dropj-multi","seq":14,"at":1795342500000}
         {"event":"skip_explained","query":1,"reason":"ambiguous","seq":15,"at":1795342500000}
+        {"event":"dream_kept","dream":0,"len":640,"seed":18446744073709551615,"marks":[412,413],"source":"user","planned":120,"file":"dreams/0000.safetensors","sha256":"sha256:00","seq":16,"at":1795342500000}
+        {"event":"dream_dropped","dream":0,"seq":17,"at":1795342500000}
+        {"event":"dream_restored","dream":0,"seq":18,"at":1795342500000}
         "#);
     }
 

@@ -16,6 +16,8 @@ const MAGIC: &[u8; 16] = b"dropj dream 1\n\0\0";
 const STEP: u8 = 1;
 /// What a mark begins with.
 const MARK: u8 = 2;
+/// What a step that the planner drove begins with; a program that does not know it stops reading there.
+const PLANNED_STEP: u8 = 3;
 
 /// The journal of a dream that is being driven: a few kilobytes a second.
 ///
@@ -66,7 +68,7 @@ impl DreamJournal {
     pub fn follow(&mut self, episode: &DreamEpisode) -> Result<(), SessionError> {
         let mut bytes = Vec::new();
         for t in self.n_steps..episode.len() {
-            bytes.push(STEP);
+            bytes.push(if episode.is_planned(t) { PLANNED_STEP } else { STEP });
             let numbers = episode.zs.row(t).iter().copied().chain(episode.actions[t].to_array());
             bytes.extend(numbers.flat_map(f32::to_le_bytes));
         }
@@ -155,11 +157,14 @@ fn parse(bytes: &[u8]) -> Option<(DreamEpisode, DreamSource)> {
     let mut episode = DreamEpisode::new(LatentState { z, c, h }, seed);
     while let Some([kind]) = take(rest) {
         match kind {
-            STEP => {
+            STEP | PLANNED_STEP => {
                 let Some(numbers) = take_floats(rest, n_z + Action::LEN) else { break };
                 let (z, action) = numbers.split_at(n_z);
                 episode.zs.push(z);
                 episode.actions.push(Action::new(action[0], action[1], action[2]));
+                if kind == PLANNED_STEP {
+                    episode.note_planned();
+                }
             }
             MARK => {
                 let Some(mark) = take(rest) else { break };
@@ -193,13 +198,15 @@ mod tests {
         (0..n).for_each(|t| part.zs.push(whole.zs.row(t)));
         part.actions = whole.actions[..n].to_vec();
         part.unsafe_marks = whole.unsafe_marks.iter().copied().filter(|mark| *mark < n).collect();
+        let planned = whole.planned.iter().map(|range| range.start..range.end.min(n));
+        part.planned = planned.filter(|range| !range.is_empty()).collect();
         part
     }
 
     #[test]
     fn a_journal_that_is_cut_anywhere_holds_every_whole_step_before_the_cut() {
         let dir = tempfile::tempdir().unwrap();
-        let dream = formula_dream(9, 4);
+        let dream = DreamEpisode { planned: vec![1..3, 8..9], ..formula_dream(9, 4) };
         let mut journal =
             DreamJournal::create(dir.path(), &first_steps(&dream, 0), DreamSource::Simulated).unwrap();
         for n in 1..=9 {

@@ -28,7 +28,7 @@ pub mod replay;
 pub mod statistics;
 pub mod store;
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use crate::query::{DreamId, LabeledQuery, Protocol, Query, QueryId, Response, Weights};
 
@@ -94,6 +94,8 @@ pub struct Session {
     protocol: Protocol,
     weights: Weights,
     dreams: Vec<KeptDream>,
+    /// Those of which nothing is asked any more.
+    dropped: BTreeSet<DreamId>,
     queries: Vec<AskedQuery>,
     fits: Vec<FittedReward>,
     n_entries: u64,
@@ -105,13 +107,13 @@ pub struct Session {
 impl Session {
     /// A session in which nothing has happened.
     pub fn new(protocol: Protocol, weights: Weights) -> Self {
-        let (dreams, queries, fits) = (Vec::new(), Vec::new(), Vec::new());
         Self {
             protocol,
             weights,
-            dreams,
-            queries,
-            fits,
+            dreams: Vec::new(),
+            dropped: BTreeSet::new(),
+            queries: Vec::new(),
+            fits: Vec::new(),
             n_entries: 0,
             last_at: None,
             active_secs: BTreeMap::new(),
@@ -134,6 +136,8 @@ impl Session {
         self.check(&entry.event)?;
         match &entry.event {
             Event::DreamKept(kept) => self.dreams.push(kept.clone()),
+            Event::DreamDropped { dream } => drop(self.dropped.insert(*dream)),
+            Event::DreamRestored { dream } => drop(self.dropped.remove(dream)),
             &Event::Asked { query: id, left, right, choice } => {
                 let query = Query { id, left, right };
                 let (given, retracted) = (Vec::new(), Vec::new());
@@ -192,9 +196,29 @@ impl Session {
         &self.dreams
     }
 
-    /// The dreams with their lengths, as [`sample_queries`](crate::query::sample_queries) takes them.
+    /// The dreams in use with their lengths, as [`sample_queries`](crate::query::sample_queries) takes them.
     pub fn dream_lens(&self) -> Vec<(DreamId, usize)> {
-        self.dreams.iter().map(|kept| (kept.dream, kept.len)).collect()
+        let in_use = self.dreams.iter().filter(|kept| !self.is_dropped(kept.dream));
+        in_use.map(|kept| (kept.dream, kept.len)).collect()
+    }
+
+    /// Whether a dream was deleted.
+    pub fn is_dropped(&self, dream: DreamId) -> bool {
+        self.dropped.contains(&dream)
+    }
+
+    /// How many answers that are learned from rest on a dream; skips do not.
+    pub fn n_resting_on(&self, dream: DreamId) -> usize {
+        let shows = |asked: &&AskedQuery| asked.query.left.dream == dream || asked.query.right.dream == dream;
+        let is_said = |asked: &AskedQuery| {
+            asked.answer().is_some_and(|given| !matches!(given.answer.response, Response::Skipped(_)))
+        };
+        self.queries.iter().filter(shows).filter(|asked| is_said(asked)).count()
+    }
+
+    /// Whether both clips of a query are of dreams in use.
+    fn is_in_use(&self, asked: &AskedQuery) -> bool {
+        ![asked.query.left, asked.query.right].iter().any(|segment| self.is_dropped(segment.dream))
     }
 
     /// The queries, in the order of asking.
@@ -212,9 +236,9 @@ impl Session {
         QueryId(self.queries.len() as u32)
     }
 
-    /// The queries that were asked and have no answer that counts, in the order of asking.
+    /// The queries that were asked, have no answer that counts and show dreams in use, in the order of asking.
     pub fn pending(&self) -> impl Iterator<Item = &AskedQuery> {
-        self.queries.iter().filter(|asked| asked.given.is_empty())
+        self.queries.iter().filter(|asked| asked.given.is_empty() && self.is_in_use(asked))
     }
 
     /// The answers that count, skips among them, in the order of answering.
@@ -226,14 +250,15 @@ impl Session {
 
     /// The query whose answer undoing takes back: the one answered last.
     pub fn undoable(&self) -> Option<QueryId> {
-        let last = self.queries.iter().filter_map(AskedQuery::answer).max_by_key(|given| given.seq);
+        let in_use = self.queries.iter().filter(|asked| self.is_in_use(asked));
+        let last = in_use.filter_map(AskedQuery::answer).max_by_key(|given| given.seq);
         last.map(|given| given.answer.query)
     }
 
     /// The query whose answer redoing gives back: undoing backwards, so the one answered first of those taken back.
     pub fn redoable(&self) -> Option<QueryId> {
-        let first =
-            self.queries.iter().filter_map(|asked| asked.retracted.last()).min_by_key(|given| given.seq);
+        let in_use = self.queries.iter().filter(|asked| self.is_in_use(asked));
+        let first = in_use.filter_map(|asked| asked.retracted.last()).min_by_key(|given| given.seq);
         first.map(|given| given.answer.query)
     }
 

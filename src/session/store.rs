@@ -103,9 +103,10 @@ impl SessionStore {
         let file = format!("{DREAMS}/{:04}.safetensors", dream.0);
         let bytes = arrays::dream_to_bytes(&episode);
         self.write(&file, &bytes, "save a dream")?;
+        let planned = episode.n_planned();
         let DreamEpisode { unsafe_marks: marks, seed, .. } = episode;
         let sha256 = sha256(&bytes);
-        self.record(Event::DreamKept(KeptDream { dream, len, seed, marks, source, file, sha256 }))?;
+        self.record(Event::DreamKept(KeptDream { dream, len, seed, marks, source, planned, file, sha256 }))?;
         Ok(dream)
     }
 

@@ -38,7 +38,16 @@ impl Script {
 fn dream_of(len: usize) -> Event {
     let (file, sha256) = ("dreams/0000.safetensors".to_owned(), String::new());
     let source = DreamSource::Simulated;
-    Event::DreamKept(KeptDream { dream: DreamId(0), len, seed: 0, marks: vec![], source, file, sha256 })
+    Event::DreamKept(KeptDream {
+        dream: DreamId(0),
+        len,
+        seed: 0,
+        marks: vec![],
+        source,
+        planned: 0,
+        file,
+        sha256,
+    })
 }
 
 fn asked(id: u32, left: usize, right: usize) -> Event {
@@ -257,6 +266,27 @@ fn files_outside_the_session_are_refused() {
         let refused = session.apply(&Entry { event, seq: 0, at: 0 });
         assert_eq!(refused, Err(Impossible::Outside(file.to_owned())));
     }
+}
+
+#[test]
+fn a_dream_is_dropped_only_where_no_answer_rests_on_it_and_can_be_brought_back() {
+    let mut script = Script::with_queries(3);
+    let (dream, dropped) = (DreamId(0), Event::DreamDropped { dream: DreamId(0) });
+    script.happens(answered(0, SAFE_LEFT)).unwrap();
+    script.happens(answered(1, Response::Skipped(None))).unwrap();
+    assert_eq!(script.happens(dropped.clone()), Err(Impossible::Rests { dream, n: 1 }));
+    script.happens(retracted(0)).unwrap();
+    let before = script.session.clone();
+    script.happens(dropped.clone()).unwrap();
+    assert!(script.session.dream_lens().is_empty(), "nothing is drawn from it");
+    assert_eq!((script.session.pending().count(), script.session.redoable()), (0, None));
+    for event in [answered(2, SAFE_LEFT), restored(0), retracted(1), asked(3, 0, 10), dropped] {
+        assert_eq!(script.happens(event), Err(Impossible::Dropped(dream)));
+    }
+    script.happens(Event::DreamRestored { dream }).unwrap();
+    assert_eq!(script.session.pending().count(), before.pending().count());
+    assert_eq!(script.happens(Event::DreamRestored { dream }), Err(Impossible::NotDropped(dream)));
+    script.happens(restored(0)).unwrap();
 }
 
 proptest! {

@@ -12,7 +12,7 @@ use crate::ui::App;
 use crate::ui::command::{Command, Field, Panel};
 use crate::ui::crew::Order;
 use crate::ui::dialog::Dialog;
-use crate::ui::state::{FitState, Rewarding, World};
+use crate::ui::state::FitState;
 use crate::worker::{DreamerCommand, DriverCommand, ModelerCommand, RecorderCommand, TrainerCommand};
 
 impl App {
@@ -27,11 +27,15 @@ impl App {
             }
             Command::ToggleHelp => {
                 (self.state.help_open, self.state.rebinding) = (!self.state.help_open, None);
+                self.state.rebinding_pad = None;
             }
             Command::Rebind(_)
             | Command::Bind(_)
             | Command::SwapKeys
             | Command::ResetKeys
+            | Command::ShowPad(_)
+            | Command::RebindPad(_)
+            | Command::BindPad(..)
             | Command::Control(_) => self.act_on_keys(command),
             Command::ToggleSessions => self.toggle_sessions(),
             Command::Dismiss(id) => self.state.toasts.retain(|toast| toast.id != id),
@@ -41,9 +45,18 @@ impl App {
             Command::OpenSession(dir) => self.open_session(&dir),
             Command::RecoverDreams => self.recover(),
             Command::DiscardUnfinished => self.discard_unfinished(),
-            Command::FitWorld { .. } | Command::StopFit | Command::LoadWorld(_) => {
-                self.act_on_world(ctx, command);
-            }
+            Command::FitWorld { .. } | Command::StopFit => self.act_on_world(&command),
+            Command::LoadWorld(path) => self.load_world(ctx, path),
+            Command::HandOver => self.hand_over(),
+            Command::ToggleBeside | Command::ResetBeside(_) => self.act_on_beside(&command),
+            Command::Review(_)
+            | Command::ReviewNext(_)
+            | Command::Scrub(_)
+            | Command::PlayReview
+            | Command::DeleteDream(_)
+            | Command::BringBack(_)
+            | Command::TryWeights(_)
+            | Command::Weigh(_) => self.act_on_review(&command),
             Command::StartRecording
             | Command::PauseRecording
             | Command::KeepRecording
@@ -97,8 +110,8 @@ impl App {
         }
     }
 
-    fn act_on_world(&mut self, ctx: &Context, command: Command) {
-        match command {
+    fn act_on_world(&mut self, command: &Command) {
+        match *command {
             Command::FitWorld { resume } => {
                 let (dataset, out) =
                     (self.state.field(Field::Dataset).into(), self.state.field(Field::ModelOut).into());
@@ -106,26 +119,6 @@ impl App {
                 self.crew.send(Order::Modeler(ModelerCommand::Fit { dataset, out, resume }));
             }
             Command::StopFit => self.crew.send(Order::Modeler(ModelerCommand::Stop)),
-            Command::LoadWorld(path) => match (self.load)(&path) {
-                Ok(world) => {
-                    self.end_dream();
-                    let fit = self.state.world.fit.take();
-                    self.crew.change_world(&world.parameters);
-                    let name = world.name.clone();
-                    self.state.world = World { fit, ..World::of(ctx, world, &mut self.state.dream) };
-                    (self.state.label, self.state.reward) = (self.state.label.anew(), Rewarding::default());
-                    self.state.unfinished.clear();
-                    // A session belongs to the model that it was dreamed with.
-                    if self.state.store.take().is_some() {
-                        self.note(
-                            "a session belongs to its world model: the next dream begins a new one"
-                                .to_owned(),
-                        );
-                    }
-                    self.done(format!("{name} is loaded"));
-                }
-                Err(sentence) => self.fail(sentence),
-            },
             _ => {}
         }
     }
@@ -149,7 +142,12 @@ impl App {
             Command::KeepRecording if self.state.record.live.as_ref().is_none_or(|live| live.step == 0) => {
                 self.act_on_recording(&Command::LeaveRecording);
             }
-            Command::KeepRecording => self.crew.send(Order::Recorder(RecorderCommand::Keep)),
+            // It is being sealed: what is pressed meanwhile must not throw it away.
+            _ if self.state.record.is_ending => {}
+            Command::KeepRecording => {
+                self.state.record.is_ending = true;
+                self.crew.send(Order::Recorder(RecorderCommand::Keep));
+            }
             Command::RedoRecording => {
                 self.crew.send(Order::Recorder(RecorderCommand::Discard));
                 self.start_recording();
@@ -174,7 +172,7 @@ impl App {
         };
         let dataset = self.state.field(Field::Dataset).into();
         self.hands.release();
-        self.state.record.is_on = true;
+        (self.state.record.is_on, self.state.record.is_ending) = (true, false);
         self.state.record.live = None;
         self.crew.send(Order::Recorder(RecorderCommand::Start { dataset, seed }));
     }
@@ -186,7 +184,10 @@ impl App {
                 self.state.dream.start_idx = idx;
                 self.state.dream.picture = None;
             }
-            Command::StartDream => self.start_dream(fresh_seed()),
+            Command::StartDream => {
+                self.state.review.dream = None;
+                self.start_dream(fresh_seed());
+            }
             Command::PauseDream => self.crew.send(Order::Dreamer(DreamerCommand::Pause(!is_paused))),
             Command::StepDream if is_paused => self.crew.send(Order::Dreamer(DreamerCommand::Step)),
             Command::MarkUnsafe => self.crew.send(Order::Dreamer(DreamerCommand::MarkUnsafe)),

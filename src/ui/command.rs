@@ -5,8 +5,9 @@ use std::path::PathBuf;
 use eframe::egui::{Key, ThemePreference};
 
 use crate::env::controls::ControlConfig;
-use crate::query::{Justification, Protocol, QueryId, Response, SkipReason};
+use crate::query::{DreamId, Justification, Protocol, QueryId, Response, SkipReason, Weights};
 use crate::ui::choosing::Asking;
+use crate::ui::input::PadButton;
 use crate::ui::keys::Deed;
 use crate::ui::pace::Budget;
 
@@ -84,6 +85,12 @@ pub enum Command {
     Bind(Key),
     /// Makes it the key that somebody else has, who gets this one's.
     SwapKeys,
+    /// Shows the gamepad in the list of keys, or the keys again.
+    ShowPad(bool),
+    /// Waits for the button of a pad that does this, or no longer.
+    RebindPad(Option<Deed>),
+    /// Makes it this button; whoever had it gets the one before.
+    BindPad(Deed, PadButton),
     /// Gives all keys back what they did at first, and the controls what they gave.
     ResetKeys,
     /// Changes how much keys give, and where a pad begins to.
@@ -147,6 +154,25 @@ pub enum Command {
     RedoDream,
     /// Throws the dream away.
     LeaveDream,
+    /// Gives the wheel to the planner, or takes it back: in a dream, or in the real world.
+    HandOver,
+    /// Dreams beside the real car, or no longer.
+    ToggleBeside,
+    /// Lets that dream look at the real world after so many steps, or never.
+    ResetBeside(Option<usize>),
+
+    /// Looks at a kept dream again, or no longer.
+    Review(Option<DreamId>),
+    /// Looks at the dream kept after this one, or before.
+    ReviewNext(i32),
+    /// Goes to a step of it.
+    Scrub(usize),
+    /// Plays it, or stops.
+    PlayReview,
+    /// Deletes a kept dream; its file stays.
+    DeleteDream(DreamId),
+    /// Uses it again.
+    BringBack(DreamId),
 
     /// Answers the query that is shown.
     Answer(Response),
@@ -191,6 +217,10 @@ pub enum Command {
 
     /// Fits the reward to all answers, to the end.
     FitReward,
+    /// Shows other weights while a slider is being moved.
+    TryWeights(Weights),
+    /// Lets answers weigh so from here on, and learns the reward anew.
+    Weigh(Weights),
 
     /// Lets the planner drive an episode.
     Drive,

@@ -5,8 +5,9 @@ use crate::planner::PlannerConfig;
 use crate::reward::RewardConfig;
 use crate::tensor::Parameters;
 use crate::worker::{
-    ClipperCommand, DreamerCommand, DriveView, DriverCommand, Latest, LiveAction, LiveView, ModelerCommand,
-    RecorderCommand, Reports, TrainerCommand, Worker, clipper, dreamer, driver, modeler, recorder, trainer,
+    BesideView, ClipperCommand, Dismissed, DreamerCommand, DriveView, DriverCommand, Latest, LiveAction,
+    LiveView, ModelerCommand, RecorderCommand, Reports, ReviewView, ReviewerCommand, TrainerCommand, Worker,
+    clipper, dreamer, driver, modeler, recorder, reviewer, trainer,
 };
 use crate::world_model::WorldModelConfig;
 use crate::world_model::fit::FitConfig;
@@ -22,6 +23,8 @@ pub enum Order {
     Trainer(TrainerCommand),
     /// To whoever drives by plan.
     Driver(DriverCommand),
+    /// To whoever looks at kept dreams again.
+    Reviewer(ReviewerCommand),
     /// To whoever records.
     Recorder(RecorderCommand),
     /// To whoever trains world models.
@@ -37,8 +40,12 @@ pub struct Slots {
     pub dream: Latest<LiveView>,
     /// What is seen while recording.
     pub record: Latest<LiveView>,
+    /// What is dreamt beside that.
+    pub beside: Latest<BesideView>,
     /// What is seen while the planner drives.
     pub drive: Latest<DriveView>,
+    /// What is seen of a kept dream.
+    pub review: Latest<ReviewView>,
 }
 
 /// Threads, or a script in tests.
@@ -82,8 +89,11 @@ pub struct Threads {
     clipper: Option<Worker<ClipperCommand>>,
     trainer: Option<Worker<TrainerCommand>>,
     driver: Option<Worker<DriverCommand>>,
+    reviewer: Option<Worker<ReviewerCommand>>,
     recorder: Option<Worker<RecorderCommand>>,
     modeler: Option<Worker<ModelerCommand>>,
+    /// Threads that were told to end: nobody waits for them but the end of the program.
+    dismissed: Vec<Dismissed>,
 }
 
 impl Threads {
@@ -98,26 +108,30 @@ impl Threads {
             clipper: None,
             trainer: None,
             driver: None,
+            reviewer: None,
             recorder: None,
             modeler: None,
+            dismissed: Vec::new(),
         }
     }
 }
 
+/// Tells a worker to end, if there is one.
+fn dismiss<C: Send + 'static>(worker: &mut Option<Worker<C>>, dismissed: &mut Vec<Dismissed>) {
+    dismissed.extend(worker.take().map(Worker::dismiss));
+}
+
 impl Crew for Threads {
     fn send(&mut self, order: Order) {
+        self.dismissed.retain(|thread| !thread.is_over());
         let (plans, reports, slots) = (&self.plans, &self.reports, &self.slots);
         match (order, self.model.clone()) {
             (Order::Recorder(command), _) => {
                 let start = || {
-                    let view = slots.record.clone();
-                    recorder::spawn(
-                        (plans.env)(Aids::NONE),
-                        &plans.env_name,
-                        slots.action.clone(),
-                        view,
-                        reports,
-                    )
+                    let (env, views) =
+                        ((plans.env)(Aids::NONE), (slots.record.clone(), slots.beside.clone()));
+                    let planner = plans.planner.clone();
+                    recorder::spawn(env, &plans.env_name, planner, slots.action.clone(), views, reports)
                 };
                 self.recorder.get_or_insert_with(start).send(command);
             }
@@ -126,7 +140,10 @@ impl Crew for Threads {
                 self.modeler.get_or_insert_with(start).send(command);
             }
             (Order::Dreamer(command), Some(model)) => {
-                let start = || dreamer::spawn(model, slots.action.clone(), slots.dream.clone(), reports);
+                let start = || {
+                    let (action, view) = (slots.action.clone(), slots.dream.clone());
+                    dreamer::spawn(model, plans.planner.clone(), action, view, reports)
+                };
                 self.dreamer.get_or_insert_with(start).send(command);
             }
             (Order::Clipper(command), Some(model)) => {
@@ -143,18 +160,32 @@ impl Crew for Threads {
                 };
                 self.driver.get_or_insert_with(start).send(command);
             }
+            (Order::Reviewer(command), Some(model)) => {
+                let start = || reviewer::spawn(model, plans.planner.clone(), slots.review.clone(), reports);
+                self.reviewer.get_or_insert_with(start).send(command);
+            }
             (order, None) => log::warn!("nobody can do this without a world model: {order:?}"),
         }
     }
 
     fn change_world(&mut self, model: &Parameters) {
         self.forget();
-        (self.dreamer, self.recorder) = (None, None);
+        dismiss(&mut self.dreamer, &mut self.dismissed);
+        // These need no model: only after a bug is there another.
+        if self.recorder.as_ref().is_some_and(Worker::is_over) {
+            self.recorder = None;
+        }
+        if self.modeler.as_ref().is_some_and(Worker::is_over) {
+            self.modeler = None;
+        }
         self.model = Some(model.clone());
     }
 
     fn forget(&mut self) {
-        (self.clipper, self.trainer, self.driver) = (None, None, None);
+        dismiss(&mut self.clipper, &mut self.dismissed);
+        dismiss(&mut self.trainer, &mut self.dismissed);
+        dismiss(&mut self.driver, &mut self.dismissed);
+        dismiss(&mut self.reviewer, &mut self.dismissed);
     }
 
     fn slots(&self) -> Slots {

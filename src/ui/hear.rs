@@ -12,6 +12,7 @@ use crate::ui::App;
 use crate::ui::command::{Command, Field, Panel};
 use crate::ui::crew::Order;
 use crate::ui::input::{PadButton, PadEvent};
+use crate::ui::pads::Place;
 use crate::ui::state::{Dreaming, LoadedWorld, Pair, State, World};
 use crate::ui::widgets::clip;
 use crate::worker::{ClipperCommand, DriverCommand, Report, TrainerCommand};
@@ -56,8 +57,11 @@ impl App {
                     self.warn(text);
                 }
                 PadEvent::Moved(pad) => self.hands.hold(pad),
-                PadEvent::Pressed(_) if is_covered => {}
-                PadEvent::Pressed(button) => commands.extend(pad_command(&self.state, button)),
+                PadEvent::Pressed(button) => match self.state.rebinding_pad {
+                    Some(deed) => commands.push(Command::BindPad(deed, button)),
+                    None if is_covered => {}
+                    None => commands.extend(pad_command(&self.state, button)),
+                },
             }
         }
         let is_driving = self.state.is_driving() && !is_covered;
@@ -65,7 +69,11 @@ impl App {
             self.state.label.pace.touch(self.state.now);
         }
         let keys = &self.state.keys;
-        ctx.input(|input| self.hands.hear(&input.events, keys, input.focused, is_driving));
+        ctx.input(|input| {
+            self.hands.hear(&input.events, keys, input.focused, is_driving);
+            self.hands.be_careful(input.modifiers.shift);
+        });
+        self.state.pad_held = self.hands.pad();
         if self.state.is_driving() {
             let held = self.hands.action(&self.state.controls);
             let action = if is_driving { held } else { crate::env::Action::default() };
@@ -78,6 +86,9 @@ impl App {
     }
 
     pub(super) fn hear_reports(&mut self, ctx: &Context) {
+        for report in std::mem::take(&mut self.unheard) {
+            self.hear(ctx, report);
+        }
         while let Ok(report) = self.inbox.try_recv() {
             self.hear(ctx, report);
         }
@@ -101,6 +112,7 @@ impl App {
             }
             Report::Glance { query, frames } => self.glanced(ctx, query, &frames),
             Report::Weighed { pairs, disagreements } => self.weighed(pairs, disagreements.as_deref()),
+            Report::Judged(judgement) => self.state.review.judgement = Some(judgement),
             Report::Learning(learning) => self.state.reward.hear(learning),
             Report::Learned { parameters, n_labels, fit } => self.learned(parameters, n_labels, fit),
             Report::Drove { seed, metrics } => {
@@ -109,7 +121,7 @@ impl App {
                 self.next_track(Field::DeploySeed);
             }
             Report::Recorded { episode, n_steps } => {
-                self.state.record.is_on = false;
+                (self.state.record.is_on, self.state.record.is_ending) = (false, false);
                 self.state.record.kept.push((episode, n_steps));
                 self.next_track(Field::RecordSeed);
                 self.done(format!("episode {episode} is on disk: {n_steps} steps"));
@@ -178,6 +190,9 @@ impl App {
         let reward = &mut self.state.reward;
         reward.n_learned = n_labels;
         reward.parameters = Some(parameters.clone());
+        reward.is_relearning = false;
+        self.teach_reviewer();
+        let reward = &mut self.state.reward;
         let Some((seed, losses)) = fit else { return };
         reward.is_fitting = false;
         let latest = reward.latest.as_ref();
@@ -198,8 +213,8 @@ impl App {
         match worker {
             "dreamer" if has_died => (self.state.dream.is_on, self.state.dream.is_ending) = (false, false),
             "driver" if has_died => self.state.deploy.is_on = false,
-            "trainer" => self.state.reward.is_fitting = false,
-            "recorder" => self.state.record.is_on = false,
+            "trainer" => (self.state.reward.is_fitting, self.state.reward.is_relearning) = (false, false),
+            "recorder" => (self.state.record.is_on, self.state.record.is_ending) = (false, false),
             "modeler" => {
                 self.state.world.fit = None;
                 let way = vec![("Go on".to_owned(), Command::FitWorld { resume: true })];
@@ -233,6 +248,8 @@ impl App {
             }
             self.state.record.live = Some(view);
         }
+        self.hear_review(ctx);
+        self.hear_beside(ctx);
         if let Some(view) = self.slots.drive.take() {
             let deploy = &mut self.state.deploy;
             let (width, height, rgb) = &view.picture;
@@ -310,6 +327,9 @@ impl App {
         {
             ctx.request_repaint_after(self.pace.max(Duration::from_secs_f64(0.5 / state.label.speed)));
         }
+        if state.review.is_playing {
+            ctx.request_repaint_after(self.pace.max(Duration::from_millis(20)));
+        }
         // Pads are read between two pictures, so there must be some; in software a picture costs too much for many.
         if !state.pads.is_empty() {
             ctx.request_repaint_after(6 * self.pace);
@@ -323,6 +343,7 @@ impl App {
     /// Tells the workers of a dream.
     pub(super) fn teach_dream(&mut self, id: crate::query::DreamId, episode: DreamEpisode) {
         let episode = std::sync::Arc::new(episode);
+        self.state.review.episodes.insert(id, episode.clone());
         self.crew.send(Order::Clipper(ClipperCommand::AddDream(id, episode.clone())));
         self.crew.send(Order::Trainer(TrainerCommand::AddDream(id, episode)));
     }
@@ -330,12 +351,24 @@ impl App {
 
 /// What a button of a pad means on the panel that is shown.
 fn pad_command(state: &State, button: PadButton) -> Option<Command> {
+    let place = match state.panel {
+        Panel::Label if state.label.is_guided && state.label.guided != [true, true] => Place::Guided,
+        Panel::Label => Place::Labeling,
+        _ if state.is_driving() => Place::Driving,
+        _ => Place::Waiting,
+    };
+    // What can be asked in one place is asked in the other too.
+    let button = match place {
+        Place::Guided if matches!(button, PadButton::East | PadButton::Back) => button,
+        place => state.pads_map.meant(place, button)?,
+    };
     match state.panel {
         Panel::Dream if state.dream.is_on => Some(match button {
             PadButton::North => Command::KeepDream,
             PadButton::West => Command::RedoDream,
             PadButton::South => Command::MarkUnsafe,
             PadButton::Start => Command::PauseDream,
+            PadButton::Back => Command::HandOver,
             PadButton::East => Command::LeaveDream,
             _ => return None,
         }),
@@ -344,6 +377,7 @@ fn pad_command(state: &State, button: PadButton) -> Option<Command> {
             PadButton::North => Command::KeepRecording,
             PadButton::West => Command::RedoRecording,
             PadButton::Start => Command::PauseRecording,
+            PadButton::Back => Command::HandOver,
             PadButton::East => Command::LeaveRecording,
             _ => return None,
         }),

@@ -5,13 +5,14 @@
 use std::fmt;
 
 use eframe::egui::{Context, Event, Id, Key, Ui};
+use serde::{Deserialize, Serialize};
 
 use crate::env::Action;
 use crate::env::controls::{ControlConfig, DrivingKey, HeldKeys, Pad, combined};
 use crate::ui::keys::Keys;
 
 /// A button of a pad, by what it is for.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
 pub enum PadButton {
     /// The lower of the four: A.
     South,
@@ -129,6 +130,9 @@ impl InputSource for Gilrs {
                 stick: pad.value(gilrs::Axis::LeftStickX),
                 right_trigger: trigger(gilrs::Button::RightTrigger2),
                 left_trigger: trigger(gilrs::Button::LeftTrigger2),
+                left_y: pad.value(gilrs::Axis::LeftStickY),
+                right_x: pad.value(gilrs::Axis::RightStickX),
+                right_y: pad.value(gilrs::Axis::RightStickY),
             }));
         }
         events
@@ -160,6 +164,8 @@ pub(crate) struct Hands {
     pad: Pad,
     /// Keys that went down and up within one frame: they count until the next.
     tapped: Vec<DrivingKey>,
+    /// Whether keys give half: Shift is held.
+    is_careful: bool,
 }
 
 impl Hands {
@@ -195,6 +201,16 @@ impl Hands {
         }
     }
 
+    /// Takes in whether keys give half.
+    pub(crate) fn be_careful(&mut self, is_careful: bool) {
+        self.is_careful = is_careful;
+    }
+
+    /// Where the pad's stick and triggers are.
+    pub(crate) fn pad(&self) -> Pad {
+        self.pad
+    }
+
     /// Takes in where a pad's stick and triggers are.
     pub(crate) fn hold(&mut self, pad: Pad) {
         self.pad = pad;
@@ -207,7 +223,8 @@ impl Hands {
 
     /// What the hands say.
     pub(crate) fn action(&self, config: &ControlConfig) -> Action {
-        combined(&self.keys, &self.pad, config)
+        let config = if self.is_careful { config.halved() } else { *config };
+        combined(&self.keys, &self.pad, &config)
     }
 }
 
@@ -287,6 +304,16 @@ mod tests {
         let mut hands = Hands::default();
         assert_eq!(after(&mut hands, &[(Key::D, true), (Key::D, false)]).steer, 1.0);
         assert_eq!(after(&mut hands, &[]).steer, 0.0);
+    }
+
+    #[test]
+    fn shift_halves_what_keys_give() {
+        let mut hands = Hands::default();
+        after(&mut hands, &[(Key::ArrowUp, true), (Key::ArrowLeft, true)]);
+        hands.be_careful(true);
+        assert_eq!(hands.action(&ControlConfig::paper()), Action::new(-0.5, 0.5, 0.0));
+        hands.be_careful(false);
+        assert_eq!(hands.action(&ControlConfig::paper()), Action::new(-1.0, 1.0, 0.0));
     }
 
     #[test]

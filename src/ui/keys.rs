@@ -21,6 +21,8 @@ pub enum Deed {
     Pause,
     Step,
     Unsafe,
+    HandOver,
+    Beside,
     Leave,
     OnlyLeft,
     OnlyRight,
@@ -46,7 +48,7 @@ pub enum Deed {
 
 impl Deed {
     /// All of them, those of driving first.
-    pub(crate) const ALL: [Self; 31] = [
+    pub(crate) const ALL: [Self; 33] = [
         Self::SteerLeft,
         Self::SteerRight,
         Self::Gas,
@@ -57,6 +59,8 @@ impl Deed {
         Self::Pause,
         Self::Step,
         Self::Unsafe,
+        Self::HandOver,
+        Self::Beside,
         Self::Leave,
         Self::OnlyLeft,
         Self::OnlyRight,
@@ -93,6 +97,8 @@ impl Deed {
             Self::Pause => ("pause", &[Key::P]),
             Self::Step => ("one step, paused", &[Key::Period]),
             Self::Unsafe => ("unsafe now", &[Key::U]),
+            Self::HandOver => ("hand over", &[Key::M]),
+            Self::Beside => ("dream beside the real car", &[Key::B]),
             Self::Leave => ("leave", &[Key::Escape]),
             Self::OnlyLeft => ("only left is safe", &[Key::A]),
             Self::OnlyRight => ("only right is safe", &[Key::D]),

@@ -5,6 +5,7 @@
 
 mod act;
 mod answer;
+mod beside;
 mod choosing;
 mod command;
 mod crew;
@@ -13,9 +14,11 @@ mod hear;
 mod input;
 mod keys;
 mod pace;
+mod pads;
 mod panels;
 mod preferences;
 mod rebind;
+mod review;
 mod sessions;
 mod state;
 mod thumbnails;
@@ -24,6 +27,7 @@ mod tokens;
 mod widgets;
 
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::sync::mpsc::Receiver;
 use std::time::Duration;
 
@@ -33,7 +37,7 @@ use eframe::{CreationContext, wgpu};
 use crate::query::QueryId;
 use crate::session::SessionStore;
 use crate::tensor::Parameters;
-use crate::worker::{Report, Reports};
+use crate::worker::{Job, Report, Reports};
 
 pub use choosing::Asking;
 pub use command::{Command, Field, Panel};
@@ -49,10 +53,18 @@ use preferences::Preferences;
 use state::{State, World};
 
 /// Makes a world model out of a file, or says in a sentence why it cannot.
-pub type Load = Box<dyn Fn(&Path) -> Result<LoadedWorld, String>>;
+pub type Load = Arc<dyn Fn(&Path) -> Result<LoadedWorld, String> + Send + Sync>;
 
 /// Starts the workers, which send their reports where they are told.
 pub type Hire = Box<dyn FnOnce(&Reports, Option<&Parameters>) -> Box<dyn Crew>>;
+
+/// The world model that a window begins with.
+pub enum FirstWorld {
+    /// It is here, or it is known why there is none.
+    Here(Result<LoadedWorld, String>),
+    /// It is in this file, and is read while the window opens.
+    In(PathBuf),
+}
 
 /// What a window begins with.
 pub struct Startup {
@@ -62,8 +74,8 @@ pub struct Startup {
     pub sessions: PathBuf,
     /// The folder of recordings.
     pub dataset: PathBuf,
-    /// The world model, or why there is none.
-    pub world: Result<LoadedWorld, String>,
+    /// The world model.
+    pub world: FirstWorld,
     /// The session to go on with; without one, a new one begins with the first dream.
     pub session: Option<SessionStore>,
     /// How other world models are loaded.
@@ -83,6 +95,12 @@ pub struct App {
     input: Box<dyn InputSource>,
     hands: Hands,
     load: Load,
+    /// A world model that is being read.
+    loading: Option<Job<Result<LoadedWorld, String>>>,
+    /// The session to go on with once it is there.
+    waiting: Option<SessionStore>,
+    /// Reports that were not yet heard when others were thrown away.
+    unheard: Vec<Report>,
     sessions: PathBuf,
     dialog: Option<Dialog>,
     next_toast: u64,
@@ -131,7 +149,10 @@ impl App {
         let pace = Duration::from_millis(if is_software { 50 } else { 8 });
         let waker = ctx.clone();
         let (reports, inbox) = Reports::new(move || waker.request_repaint_after(pace));
-        let parameters = startup.world.as_ref().ok().map(|world| &world.parameters);
+        let parameters = match &startup.world {
+            FirstWorld::Here(Ok(world)) => Some(&world.parameters),
+            _ => None,
+        };
         let crew = (startup.hire)(&reports, parameters);
         let mut app = Self {
             state: State { adapter, env: startup.env, ..State::default() },
@@ -141,6 +162,9 @@ impl App {
             input: startup.input,
             hands: Hands::default(),
             load: startup.load,
+            loading: None,
+            waiting: None,
+            unheard: Vec::new(),
             sessions: startup.sessions,
             dialog: None,
             next_toast: 0,
@@ -151,13 +175,7 @@ impl App {
         app
     }
 
-    fn begin(
-        &mut self,
-        ctx: &Context,
-        dataset: PathBuf,
-        world: Result<LoadedWorld, String>,
-        session: Option<SessionStore>,
-    ) {
+    fn begin(&mut self, ctx: &Context, dataset: PathBuf, world: FirstWorld, session: Option<SessionStore>) {
         let out = dataset.with_added_extension("safetensors");
         let fields = &mut self.state.fields;
         fields.insert(Field::Dataset, dataset.display().to_string());
@@ -166,20 +184,29 @@ impl App {
         fields.insert(Field::DeploySeed, "1".to_owned());
         fields.insert(Field::Session, self.sessions.display().to_string());
         match world {
-            Ok(world) => self.state.world = World::of(ctx, world, &mut self.state.dream),
-            Err(sentence) => {
+            FirstWorld::In(path) => {
+                self.waiting = session;
+                return self.load_world(ctx, path);
+            }
+            FirstWorld::Here(Ok(world)) => {
+                self.state.world = World::of(ctx, world, &mut self.state.dream);
+            }
+            FirstWorld::Here(Err(sentence)) => {
                 self.state.panel = Panel::World;
                 self.fail(sentence);
             }
         }
-        match session {
-            Some(store) if !self.state.world.is_of(store.header()) => {
-                self.fail(
-                    "this session was dreamed with another world model: load that one first".to_owned(),
-                );
-            }
-            Some(store) => self.adopt(store),
-            None => {}
+        if let Some(store) = session {
+            self.go_on_with(store);
+        }
+    }
+
+    /// Goes on with a session, if it is one of this world model.
+    fn go_on_with(&mut self, store: SessionStore) {
+        if self.state.world.is_of(store.header()) {
+            self.adopt(store);
+        } else {
+            self.fail("this session was dreamed with another world model: load that one first".to_owned());
         }
     }
 
@@ -228,7 +255,9 @@ impl eframe::App for App {
         self.hear_reports(ctx);
         self.hear_slots(ctx);
         self.hear_dialog();
+        self.hear_loader(ctx);
         self.show_clips(ctx);
+        self.show_review(ctx);
         let now = self.state.now;
         self.state.toasts.retain(|toast| toast.until.is_none_or(|until| until > now));
         self.schedule(ctx);

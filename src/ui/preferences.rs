@@ -9,6 +9,7 @@ use crate::ui::choosing::Asking;
 use crate::ui::command::Field;
 use crate::ui::keys::Keys;
 use crate::ui::pace::Budget;
+use crate::ui::pads::Pads;
 use crate::ui::state::{BREAK_MINUTES, NORMAL_SPEED, State};
 
 /// The name under which the system keeps it.
@@ -21,6 +22,7 @@ pub(crate) struct Preferences {
     theme: ThemePreference,
     keys: Keys,
     controls: ControlConfig,
+    pads: Pads,
     /// Frames a second of clips.
     clip_speed: f64,
     is_guided: bool,
@@ -36,6 +38,7 @@ impl Default for Preferences {
             theme: ThemePreference::System,
             keys: Keys::default(),
             controls: ControlConfig::paper(),
+            pads: Pads::default(),
             clip_speed: NORMAL_SPEED,
             is_guided: false,
             annotator: String::new(),
@@ -58,6 +61,7 @@ impl Preferences {
             theme: state.theme,
             keys: state.keys.clone(),
             controls: state.controls,
+            pads: state.pads_map.clone(),
             clip_speed: state.label.speed,
             is_guided: state.label.is_guided,
             annotator: state.field(Field::Annotator).to_owned(),
@@ -71,6 +75,7 @@ impl Preferences {
     pub(crate) fn apply(self, ctx: &Context, state: &mut State) {
         ctx.set_theme(self.theme);
         (state.theme, state.keys, state.controls) = (self.theme, self.keys, self.controls.clamped());
+        state.pads_map = self.pads;
         (state.label.speed, state.label.is_guided) = (self.clip_speed.clamp(5.0, 100.0), self.is_guided);
         (state.label.budget, state.label.break_minutes) = (self.budget, self.break_minutes);
         state.label.asking = self.asking.clamped();

@@ -4,6 +4,7 @@ use crate::env::controls::ControlConfig;
 use crate::ui::App;
 use crate::ui::command::Command;
 use crate::ui::keys::{Keys, Rebinding, Taken};
+use crate::ui::pads::Pads;
 
 impl App {
     pub(super) fn act_on_keys(&mut self, command: Command) {
@@ -27,7 +28,16 @@ impl App {
             }
             Command::ResetKeys => {
                 (state.keys, state.controls) = (Keys::default(), ControlConfig::paper());
-                state.rebinding = None;
+                state.pads_map = Pads::default();
+                (state.rebinding, state.rebinding_pad) = (None, None);
+            }
+            Command::ShowPad(is_shown) => {
+                (state.is_pad_shown, state.rebinding, state.rebinding_pad) = (is_shown, None, None);
+            }
+            Command::RebindPad(deed) => state.rebinding_pad = deed,
+            Command::BindPad(deed, button) => {
+                state.pads_map.bind(deed, button);
+                state.rebinding_pad = None;
             }
             Command::Control(controls) => state.controls = controls.clamped(),
             _ => {}

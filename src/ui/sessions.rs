@@ -89,7 +89,8 @@ impl App {
     }
 
     pub(super) fn restart(&mut self) {
-        if let Some(world) = &self.state.world.loaded {
+        if let Some(world) = self.state.world.loaded.clone() {
+            self.forget_workers();
             self.crew.change_world(&world.parameters);
         }
         if let Some(store) = self.state.store.take() {
@@ -100,7 +101,7 @@ impl App {
     /// Goes on with the session in `store`, telling the workers all that is in it.
     pub(super) fn adopt(&mut self, store: SessionStore) {
         self.end_dream();
-        self.crew.forget();
+        self.forget_workers();
         self.state.deploy.is_on = false;
         (self.state.label, self.state.reward) = (self.state.label.anew(), Rewarding::default());
         if let Some(torn) = store.torn() {

@@ -6,16 +6,19 @@ use std::path::PathBuf;
 use eframe::egui::{TextureHandle, ThemePreference};
 
 use crate::dream::DreamEpisode;
-use crate::env::controls::ControlConfig;
+use crate::env::controls::{ControlConfig, Pad};
 use crate::env::{Action, Frame};
 use crate::evaluation::EpisodeMetrics;
 use crate::query::{DreamId, Justification, Protocol, Query, QueryId, Weights};
 use crate::session::{DreamJournal, Header, Session, SessionStore, UnfinishedDream};
 use crate::tensor::Parameters;
+use crate::ui::beside::Besides;
 use crate::ui::choosing::{Asking, Weighing};
 use crate::ui::command::{Command, Field, Panel};
-use crate::ui::keys::{Keys, Rebinding};
+use crate::ui::keys::{Deed, Keys, Rebinding};
 use crate::ui::pace::{Budget, Pace};
+use crate::ui::pads::Pads;
+use crate::ui::review::Reviewing;
 use crate::ui::widgets::clip::Clip;
 use crate::worker::{DriveView, Learning, LiveView};
 use crate::world_model::LatentState;
@@ -71,6 +74,14 @@ pub(crate) struct State {
     pub keys: Keys,
     /// The key that is being changed.
     pub rebinding: Option<Rebinding>,
+    /// Which buttons of a pad do what.
+    pub pads_map: Pads,
+    /// What the button that is pressed next will do.
+    pub rebinding_pad: Option<Deed>,
+    /// Where the sticks and triggers are.
+    pub pad_held: Pad,
+    /// Whether the list of keys shows the gamepad.
+    pub is_pad_shown: bool,
     /// How much keys give, and where a pad begins to.
     pub controls: ControlConfig,
     /// Who draws the window.
@@ -83,6 +94,7 @@ pub(crate) struct State {
     pub dream: Dreaming,
     pub label: Labeling,
     pub reward: Rewarding,
+    pub review: Reviewing,
     pub deploy: Deploying,
 }
 
@@ -119,6 +131,8 @@ pub(crate) enum ToastKind {
 pub(crate) struct World {
     pub loaded: Option<LoadedWorld>,
     pub hash: String,
+    /// The file that is being read.
+    pub loading: Option<PathBuf>,
     pub fit: Option<FitState>,
     /// The file of the last fit.
     pub fitted: Option<PathBuf>,
@@ -180,10 +194,14 @@ impl FitState {
 #[derive(Default)]
 pub(crate) struct Recording {
     pub is_on: bool,
+    /// Whether the recording has been asked to end and is being sealed.
+    pub is_ending: bool,
     pub live: Option<LiveView>,
     pub picture: Option<TextureHandle>,
     /// Episodes kept since the window opened: number and steps.
     pub kept: Vec<(usize, usize)>,
+    /// The dream beside.
+    pub besides: Besides,
 }
 
 /// Driving in a dream.
@@ -317,6 +335,10 @@ pub(crate) struct Rewarding {
     /// How many answers those rest on.
     pub n_learned: usize,
     pub is_fitting: bool,
+    /// Whether other weights are being learned.
+    pub is_relearning: bool,
+    /// Weights that are tried with a slider.
+    pub tried: Option<Weights>,
     /// Fits that were asked for: the seed of each, and how many lines the log had then.
     pub asked: Vec<(u64, u64)>,
 }

@@ -8,6 +8,8 @@ use rand_chacha::ChaCha8Rng;
 
 use crate::dream::Dream;
 use crate::env::{Action, MAX_STEPS};
+use crate::planner::{CoDriver, PlannerConfig};
+use crate::reward::{FrozenReward, RewardEnsemble};
 use crate::session::DreamJournal;
 use crate::tensor::Parameters;
 use crate::worker::clock::{Allowance, Beat, Clock, held};
@@ -16,14 +18,17 @@ use crate::world_model::{LatentState, WorldModel};
 
 const NAME: &str = "dreamer";
 
-/// Starts a thread that plays dreams of `model`, drives them by `action` and shows them in `view`.
+/// Starts a thread that plays dreams of `model`, drives them by `action` or by plan, and shows them in `view`.
 pub fn spawn(
     model: Parameters,
+    planner: PlannerConfig,
     action: LiveAction,
     view: Latest<LiveView>,
     reports: &Reports,
 ) -> Worker<DreamerCommand> {
-    Worker::spawn(NAME, reports, move |commands, reports| dream(&commands, &reports, model, &action, &view))
+    Worker::spawn(NAME, reports, move |commands, reports| {
+        dream(&commands, &reports, model, planner, &action, &view)
+    })
 }
 
 /// The body of the thread.
@@ -31,6 +36,7 @@ pub fn dream(
     commands: &Receiver<DreamerCommand>,
     reports: &Reports,
     model: Parameters,
+    planner: PlannerConfig,
     action: &LiveAction,
     view: &Latest<LiveView>,
 ) -> Result<(), String> {
@@ -38,6 +44,8 @@ pub fn dream(
     let model = WorldModel::load(model).map_err(|e| e.to_string())?;
     let mut dreamer = Dreamer {
         model,
+        planner,
+        reward: None,
         reports,
         action,
         view,
@@ -57,6 +65,9 @@ pub fn dream(
 /// What the thread owns.
 struct Dreamer<'a> {
     model: WorldModel,
+    planner: PlannerConfig,
+    /// What the planner likes, once something is learned.
+    reward: Option<FrozenReward>,
     reports: &'a Reports,
     action: &'a LiveAction,
     view: &'a Latest<LiveView>,
@@ -73,6 +84,8 @@ struct Live {
     /// Whether the journal has refused a step; then it is left as it is.
     is_journal_broken: bool,
     action: Action,
+    /// Who drives where no person does.
+    co_driver: Option<CoDriver>,
 }
 
 impl Live {
@@ -111,6 +124,24 @@ impl Dreamer<'_> {
                     live.note(self.reports);
                 }
             }
+            DreamerCommand::Reward(parameters) => {
+                let reward = RewardEnsemble::load(&parameters).and_then(|reward| {
+                    reward.require(&self.model.hash())?;
+                    Ok(reward.frozen())
+                });
+                match reward {
+                    Ok(reward) => self.reward = Some(reward),
+                    Err(e) => self.reports.fail(NAME, e),
+                }
+            }
+            DreamerCommand::HandOver(is_over) => {
+                let (planner, can_plan) = (&self.planner, self.reward.is_some());
+                if let Some(live) = &mut self.live {
+                    let seed = live.dream.episode().seed;
+                    live.co_driver = (is_over && can_plan).then(|| CoDriver::new(planner.clone(), seed));
+                }
+                self.show(Duration::MAX);
+            }
             DreamerCommand::Finish => self.finish(),
             DreamerCommand::Discard => {
                 self.clock.stop();
@@ -125,7 +156,8 @@ impl Dreamer<'_> {
 
     fn start(&mut self, start: &LatentState, seed: u64, journal: Option<DreamJournal>) {
         let (dream, rng) = (Dream::new(start, seed), ChaCha8Rng::seed_from_u64(seed));
-        self.live = Some(Live { dream, rng, journal, is_journal_broken: false, action: Action::default() });
+        let action = Action::default();
+        self.live = Some(Live { dream, rng, journal, is_journal_broken: false, action, co_driver: None });
         self.clock = Clock::default();
         self.show(Duration::MAX);
         self.clock.start(Instant::now());
@@ -140,8 +172,18 @@ impl Dreamer<'_> {
     /// One step; its picture may be left out, the step never.
     fn step(&mut self, now: Instant) {
         let Some(live) = &mut self.live else { return };
-        live.action = held(self.action, now);
-        live.dream.step(&self.model, live.action, &mut live.rng);
+        let hands = held(self.action, now);
+        // Whoever takes hold of the wheel has it, as in a car with an assistant.
+        if hands != Action::default() {
+            live.co_driver = None;
+        }
+        if let (Some(co_driver), Some(reward)) = (&mut live.co_driver, &self.reward) {
+            live.action = co_driver.act(&self.model, reward, live.dream.state());
+            live.dream.step_planned(&self.model, live.action, &mut live.rng);
+        } else {
+            live.action = hands;
+            live.dream.step(&self.model, live.action, &mut live.rng);
+        }
         live.note(self.reports);
         let is_long_enough = live.dream.episode().len() >= MAX_STEPS;
         self.show(self.clock.time_left(Instant::now()));
@@ -165,6 +207,7 @@ impl Dreamer<'_> {
             n_late: self.clock.n_late(),
             is_paused: !self.clock.runs(),
             n_unsafe_marks: live.dream.episode().unsafe_marks.len(),
+            is_planned: live.co_driver.is_some(),
         });
         self.reports.wake();
     }
@@ -179,9 +222,11 @@ impl Dreamer<'_> {
 
 #[cfg(test)]
 mod tests {
+    use std::ops::Range;
     use std::sync::mpsc::channel;
 
     use super::*;
+    use crate::reward::RewardConfig;
     use crate::worker::toy;
 
     /// What comes of `commands`, all of them heard before the first step is due.
@@ -190,7 +235,8 @@ mod tests {
         commands.into_iter().for_each(|command| sender.send(command).unwrap());
         drop(sender);
         let (reports, inbox) = Reports::new(|| ());
-        dream(&heard, &reports, toy::model().parameters().clone(), action, &Latest::default()).unwrap();
+        let parameters = toy::model().parameters().clone();
+        dream(&heard, &reports, parameters, PlannerConfig::car_racing(), action, &Latest::default()).unwrap();
         drop(reports);
         inbox.into_iter().collect()
     }
@@ -215,6 +261,33 @@ mod tests {
         (0..3).for_each(|_| by_hand.step(&model, Action::new(-1.0, 1.0, 0.0), rng));
         assert_eq!(episode.unsafe_marks, [2]);
         assert_eq!((&episode.zs, &episode.actions), (&by_hand.episode().zs, &by_hand.episode().actions));
+    }
+
+    /// A reward that has learned nothing.
+    fn reward() -> DreamerCommand {
+        let rng = &mut ChaCha8Rng::seed_from_u64(0);
+        let ensemble = RewardEnsemble::new(36, &toy::model().hash(), RewardConfig::tiny(), rng);
+        DreamerCommand::Reward(ensemble.parameters())
+    }
+
+    #[test]
+    fn the_planner_drives_until_it_is_told_otherwise_or_a_hand_is_on_the_wheel() {
+        let step = || DreamerCommand::Step;
+        let begin = || vec![reward(), start(5), DreamerCommand::Pause(true), step()];
+        let rest = [DreamerCommand::HandOver(true), step(), step(), DreamerCommand::HandOver(false), step()];
+        let commands = begin().into_iter().chain(rest).chain([DreamerCommand::Finish]);
+        let reports = reports_of(commands, &Latest::default());
+        let [Report::Dreamt { episode, .. }] = &reports[..] else { panic!("{reports:?}") };
+        assert_eq!((episode.len(), &episode.planned), (4, &vec![Range { start: 1, end: 3 }]));
+        assert!(episode.actions[1].gas > 0.0, "every candidate gives gas");
+        assert_eq!(episode.actions[3], Action::default());
+
+        let hands = Latest::default();
+        hands.put((Action::new(0.0, 1.0, 0.0), Instant::now() + Duration::from_secs(1000)));
+        let rest = [DreamerCommand::HandOver(true), step(), step(), DreamerCommand::Finish];
+        let reports = reports_of(begin().into_iter().chain(rest), &hands);
+        let [Report::Dreamt { episode, .. }] = &reports[..] else { panic!("{reports:?}") };
+        assert_eq!(episode.n_planned(), 0, "hands are stronger");
     }
 
     #[test]
@@ -243,7 +316,8 @@ mod tests {
         let (reports, inbox) = Reports::new(|| ());
         let view = Latest::default();
         let parameters = toy::model().parameters().clone();
-        let dreamer = spawn(parameters, Latest::default(), view.clone(), &reports);
+        let planner = PlannerConfig::car_racing();
+        let dreamer = spawn(parameters, planner, Latest::default(), view.clone(), &reports);
         dreamer.send(start(3));
         while view.take().is_none_or(|view| view.step < 3) {
             std::thread::yield_now();

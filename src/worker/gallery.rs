@@ -56,7 +56,7 @@ fn view(candidate: &Candidate, model: &WorldModel) -> CandidateView {
 }
 
 /// Actions run by run: `left 4 · straight fast 11`.
-fn in_words(actions: &[Action]) -> String {
+pub(super) fn in_words(actions: &[Action]) -> String {
     let runs = actions.chunk_by(|a, b| a == b);
     let runs: Vec<_> = runs.map(|run| format!("{} {}", name(run[0]), run.len())).collect();
     runs.join(" · ")

@@ -4,6 +4,7 @@
 //! data, and networks travel as [`Parameters`]. Only the live picture and the live action go through [`Latest`] slots.
 
 mod clock;
+mod companion;
 mod gallery;
 #[cfg(test)]
 mod toy;
@@ -13,6 +14,7 @@ pub mod dreamer;
 pub mod driver;
 pub mod modeler;
 pub mod recorder;
+pub mod reviewer;
 pub mod trainer;
 
 use std::any::Any;
@@ -97,6 +99,69 @@ pub struct LiveView {
     pub is_paused: bool,
     /// Marks given so far.
     pub n_unsafe_marks: usize,
+    /// Whether the planner drives, and not a person.
+    pub is_planned: bool,
+}
+
+/// How a dream rides beside the real car.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Beside {
+    /// After how many steps it looks at the real world and begins anew, if ever.
+    pub reset: Option<usize>,
+}
+
+/// A dream beside the real car, under the same actions.
+#[derive(Clone, Debug)]
+pub struct BesideView {
+    /// What is dreamt.
+    pub frame: Frame,
+    /// The step of the real car.
+    pub step: usize,
+    /// How many steps ago the dream last saw the real world.
+    pub since: usize,
+    /// How far the dream's picture is from the real one: the root of the mean squared difference, in `[0, 1]`.
+    pub drift: f32,
+}
+
+/// What the planner thinks of one course of action.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Promise {
+    /// Its actions in words, run by run: `left 4 · straight 11`.
+    pub actions: String,
+    /// What the reward promises of it.
+    pub now: f32,
+    /// What the reward promised that it is compared with.
+    pub before: Option<f32>,
+}
+
+/// A step of a kept dream, looked at again.
+#[derive(Clone, Debug)]
+pub struct ReviewView {
+    /// Of which dream.
+    pub dream: DreamId,
+    /// Which step.
+    pub step: usize,
+    /// What was seen.
+    pub frame: Frame,
+    /// What the planner would choose from there; nothing without a reward.
+    pub promises: Vec<Promise>,
+    /// The one that it would drive.
+    pub chosen: usize,
+    /// The one that it would have driven by the reward that this one is compared with.
+    pub chosen_before: Option<usize>,
+}
+
+/// What the reward says of every step of a dream.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Judgement {
+    /// Which dream.
+    pub dream: DreamId,
+    /// The mean of the ensemble, step by step.
+    pub rewards: Vec<f32>,
+    /// The lowest of its members.
+    pub low: Vec<f32>,
+    /// The highest.
+    pub high: Vec<f32>,
 }
 
 /// One imagined future, for the eye.
@@ -147,6 +212,10 @@ pub enum DreamerCommand {
     Step,
     /// Marks the present step as unsafe.
     MarkUnsafe,
+    /// Plans with this reward from now on.
+    Reward(Parameters),
+    /// Gives the wheel to the planner, or back.
+    HandOver(bool),
     /// Ends the dream and reports it.
     Finish,
     /// Ends the dream and forgets it, journal and all.
@@ -175,6 +244,8 @@ pub enum TrainerCommand {
     Forget(QueryId),
     /// Says how much the reward is of two minds about each of these pairs.
     Weigh(Vec<[SegmentRef; 2]>),
+    /// Learns all answers anew, for they weigh differently.
+    Relearn,
     /// Starts afresh and fits all answers to the end.
     Fit {
         /// Of initialization and order.
@@ -198,6 +269,24 @@ pub enum DriverCommand {
     Stop,
 }
 
+/// Looks at kept dreams again.
+#[derive(Debug)]
+pub enum ReviewerCommand {
+    /// Knows a dream from now on.
+    AddDream(DreamId, Arc<DreamEpisode>),
+    /// Judges by this reward from now on.
+    Reward(Parameters),
+    /// Compares what the rewards to come say with what the present one says.
+    Compare,
+    /// Draws this step, and judges the dream where that has not been done by the present reward.
+    Look {
+        /// Of which dream.
+        dream: DreamId,
+        /// Which step.
+        step: usize,
+    },
+}
+
 /// Lets a person drive the real car and records it; an episode that the environment ends is kept.
 #[derive(Debug)]
 pub enum RecorderCommand {
@@ -208,6 +297,14 @@ pub enum RecorderCommand {
         /// Of the track.
         seed: u64,
     },
+    /// Dreams and plans with this world model from now on.
+    Model(Parameters),
+    /// Plans with this reward from now on.
+    Reward(Parameters),
+    /// Gives the wheel to the planner, or back.
+    HandOver(bool),
+    /// Dreams beside the real car, or no longer.
+    Beside(Option<Beside>),
     /// Stops the clock, or lets it go on.
     Pause(bool),
     /// Ends the episode and seals it.
@@ -271,6 +368,8 @@ pub enum Report {
         /// How much the members disagree about each; nothing where nothing was learned yet.
         disagreements: Option<Vec<f32>>,
     },
+    /// What the reward says of a dream.
+    Judged(Judgement),
     /// The reward has learned a little.
     Learning(Learning),
     /// The reward has parameters worth planning with.
@@ -335,19 +434,30 @@ pub struct Learning {
 pub struct Reports {
     reports: Sender<Report>,
     wake: Arc<dyn Fn() + Send + Sync>,
+    /// Whether anybody wants to hear: of a worker that was dismissed, nobody does.
+    is_heard: Arc<Mutex<bool>>,
 }
 
 impl Reports {
     /// An outbox and its inbox; `wake` is called after every report.
     pub fn new(wake: impl Fn() + Send + Sync + 'static) -> (Self, Receiver<Report>) {
         let (reports, inbox) = channel();
-        (Self { reports, wake: Arc::new(wake) }, inbox)
+        (Self { reports, wake: Arc::new(wake), is_heard: Arc::new(Mutex::new(true)) }, inbox)
     }
 
     /// Sends a report; where nobody listens any more it is dropped.
     pub fn send(&self, report: Report) {
-        self.reports.send(report).ok();
-        (self.wake)();
+        let is_heard = self.is_heard.lock().unwrap_or_else(PoisonError::into_inner);
+        if *is_heard {
+            self.reports.send(report).ok();
+            drop(is_heard);
+            (self.wake)();
+        }
+    }
+
+    /// The same outbox, to be closed by itself.
+    fn of_its_own(&self) -> Self {
+        Self { is_heard: Arc::new(Mutex::new(true)), ..self.clone() }
     }
 
     /// Reports that the worker called `worker` has met `message`, and lives on.
@@ -372,6 +482,26 @@ impl fmt::Debug for Reports {
 pub struct Worker<C> {
     commands: Option<Sender<C>>,
     thread: Option<JoinHandle<()>>,
+    is_heard: Arc<Mutex<bool>>,
+}
+
+/// A thread that was told to end and is not waited for, until the program ends.
+#[derive(Debug)]
+pub struct Dismissed(Option<JoinHandle<()>>);
+
+impl Dismissed {
+    /// Whether it has ended.
+    pub fn is_over(&self) -> bool {
+        self.0.as_ref().is_none_or(JoinHandle::is_finished)
+    }
+}
+
+impl Drop for Dismissed {
+    fn drop(&mut self) {
+        if let Some(thread) = self.0.take() {
+            thread.join().ok();
+        }
+    }
 }
 
 impl<C: Send + 'static> Worker<C> {
@@ -382,7 +512,8 @@ impl<C: Send + 'static> Worker<C> {
         body: impl FnOnce(Receiver<C>, Reports) -> Result<(), String> + Send + 'static,
     ) -> Self {
         let (commands, heard) = channel();
-        let reports = reports.clone();
+        let reports = reports.of_its_own();
+        let is_heard = Arc::clone(&reports.is_heard);
         let run = move || {
             let outbox = reports.clone();
             let message = match catch_unwind(AssertUnwindSafe(|| body(heard, outbox))) {
@@ -393,7 +524,19 @@ impl<C: Send + 'static> Worker<C> {
             reports.send(Report::Failed { worker: name, message });
         };
         let thread = std::thread::Builder::new().name(name.to_owned()).spawn(run);
-        Self { commands: Some(commands), thread: thread.ok() }
+        Self { commands: Some(commands), thread: thread.ok(), is_heard }
+    }
+
+    /// Tells it to end, and waits neither for that nor for what it still has to say.
+    pub fn dismiss(mut self) -> Dismissed {
+        *self.is_heard.lock().unwrap_or_else(PoisonError::into_inner) = false;
+        self.commands = None;
+        Dismissed(self.thread.take())
+    }
+
+    /// Whether its thread has ended, as after a bug.
+    pub fn is_over(&self) -> bool {
+        self.thread.as_ref().is_none_or(JoinHandle::is_finished)
     }
 
     /// Sends a command; a worker that has died hears nothing and has said so.
@@ -410,6 +553,42 @@ impl<C> Drop for Worker<C> {
         if let Some(thread) = self.thread.take() {
             thread.join().ok();
         }
+    }
+}
+
+/// One piece of work in a thread of its own, whose result is asked for when there is time.
+#[derive(Debug)]
+pub struct Job<T> {
+    done: Latest<T>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl<T: Send + 'static> Job<T> {
+    /// Begins `work` in a thread called `name`, and calls `wake` when it is done.
+    pub fn begin(
+        name: &str,
+        wake: impl FnOnce() + Send + 'static,
+        work: impl FnOnce() -> T + Send + 'static,
+    ) -> Self {
+        let done = Latest::default();
+        let slot = done.clone();
+        let run = move || {
+            one_thread();
+            slot.put(work());
+            wake();
+        };
+        let thread = std::thread::Builder::new().name(name.to_owned()).spawn(run).ok();
+        Self { done, thread }
+    }
+
+    /// What came of it, once something has; a job that died says nothing for ever, which `is_over` tells.
+    pub fn poll(&mut self) -> Option<T> {
+        self.done.take()
+    }
+
+    /// Whether its thread has ended.
+    pub fn is_over(&self) -> bool {
+        self.thread.as_ref().is_none_or(JoinHandle::is_finished)
     }
 }
 
@@ -446,6 +625,30 @@ mod tests {
         assert_eq!(name, "test");
         assert!(message.contains("on purpose"), "{message}");
         drop(worker);
+    }
+
+    #[test]
+    fn who_is_dismissed_is_not_waited_for_and_not_heard_of_again() {
+        let (reports, inbox) = Reports::new(|| ());
+        let (go, wait) = channel::<()>();
+        let worker = Worker::<()>::spawn("slow", &reports, move |_, reports| {
+            wait.recv().ok();
+            reports.send(Report::Unfinished(1));
+            Err("too late".to_owned())
+        });
+        let dismissed = worker.dismiss();
+        assert!(!dismissed.is_over(), "it is busy, and we are here already");
+        go.send(()).unwrap();
+        drop(dismissed);
+        assert!(inbox.try_recv().is_err(), "it was heard");
+    }
+
+    #[test]
+    fn a_job_wakes_its_owner_when_it_is_done() {
+        let (wake, woken) = channel();
+        let mut job = Job::begin("job", move || wake.send(()).unwrap(), || 7);
+        woken.recv().unwrap();
+        assert_eq!((job.poll(), job.poll()), (Some(7), None));
     }
 
     #[test]

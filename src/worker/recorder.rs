@@ -6,26 +6,34 @@ use std::time::{Instant, SystemTime, UNIX_EPOCH};
 
 use crate::dataset::{Dataset, DatasetError, EpisodeInfo, Recording, StepRecord};
 use crate::env::{Action, Env, Frame, Seed};
-use crate::worker::clock::{Beat, Clock, held};
+use crate::planner::PlannerConfig;
+use crate::worker::clock::{Allowance, Beat, Clock, held};
+use crate::worker::companion::Companion;
 use crate::worker::{
-    Latest, LiveAction, LiveView, PICTURE, RecorderCommand, Report, Reports, Worker, picture,
+    BesideView, Latest, LiveAction, LiveView, PICTURE, RecorderCommand, Report, Reports, Worker, one_thread,
+    picture,
 };
 
 const NAME: &str = "recorder";
 /// The name of the driver in the recordings.
 const PILOT: &str = "person";
 
-/// Starts a thread that drives `env`, called `env_name` in recordings, by `action` and shows it in `view`.
+/// What a recorder shows: the real car, and the dream beside it.
+pub type Views = (Latest<LiveView>, Latest<BesideView>);
+
+/// Starts a thread that drives `env`, called `env_name` in recordings, by `action` or as `planner` says, and shows it
+/// in `views`.
 pub fn spawn(
     env: Box<dyn Env>,
     env_name: &str,
+    planner: PlannerConfig,
     action: LiveAction,
-    view: Latest<LiveView>,
+    views: Views,
     reports: &Reports,
 ) -> Worker<RecorderCommand> {
     let env_name = env_name.to_owned();
     Worker::spawn(NAME, reports, move |commands, reports| {
-        record(&commands, &reports, env, &env_name, &action, &view);
+        record(&commands, &reports, env, &env_name, planner, &action, &views);
         Ok(())
     })
 }
@@ -36,10 +44,23 @@ pub fn record(
     reports: &Reports,
     env: Box<dyn Env>,
     env_name: &str,
+    planner: PlannerConfig,
     action: &LiveAction,
-    view: &Latest<LiveView>,
+    (view, beside): &Views,
 ) {
-    let mut recorder = Recorder { env, env_name, reports, action, view, clock: Clock::default(), take: None };
+    one_thread();
+    let mut recorder = Recorder {
+        env,
+        env_name,
+        reports,
+        action,
+        view,
+        beside,
+        clock: Clock::default(),
+        drawing: Allowance::default(),
+        companion: Companion::new(planner),
+        take: None,
+    };
     loop {
         let done = match recorder.clock.wait(commands) {
             Beat::Heard(command) => recorder.hear(command),
@@ -60,7 +81,11 @@ struct Recorder<'a> {
     reports: &'a Reports,
     action: &'a LiveAction,
     view: &'a Latest<LiveView>,
+    beside: &'a Latest<BesideView>,
     clock: Clock,
+    /// For drawing the dream beside.
+    drawing: Allowance,
+    companion: Companion,
     take: Option<Take>,
 }
 
@@ -90,6 +115,20 @@ impl Recorder<'_> {
                 self.show();
             }
             RecorderCommand::Pause(_) => {}
+            RecorderCommand::Model(model) => {
+                let seen = self.companion.see_with(model, self.env_name, self.env.frame().side());
+                self.say(seen);
+            }
+            RecorderCommand::Reward(reward) => {
+                let liked = self.companion.like(&reward);
+                self.say(liked);
+            }
+            RecorderCommand::HandOver(is_over) => {
+                let n_steps = self.take.as_ref().map_or(0, |take| take.recording.n_steps());
+                self.companion.hand_over(is_over && self.take.is_some(), n_steps as u64);
+                self.show();
+            }
+            RecorderCommand::Beside(beside) => self.companion.ride_beside(beside),
             RecorderCommand::Keep => self.end(false)?,
             RecorderCommand::Discard => {
                 self.clock.stop();
@@ -132,6 +171,7 @@ impl Recorder<'_> {
         let recording = dataset.begin(info)?;
         self.env.reset(Seed::Native(seed));
         self.take = Some(Take { dataset, recording, frame: self.env.frame(), action: Action::default() });
+        self.companion.begin();
         self.clock = Clock::default();
         self.show();
         self.clock.start(Instant::now());
@@ -142,9 +182,12 @@ impl Recorder<'_> {
         let now = Instant::now();
         self.clock.tick(now);
         let Some(take) = &mut self.take else { return Ok(()) };
-        take.action = held(self.action, now);
+        let hands = held(self.action, now);
+        let planned = self.companion.act(hands, &take.frame);
+        take.action = planned.unwrap_or(hands);
         let wall_time_ns = nanos_since_1970();
         let outcome = self.env.advance(take.action);
+        self.companion.acted(&take.frame, self.env.executed().unwrap_or(take.action));
         let step = StepRecord {
             frame: std::mem::replace(&mut take.frame, self.env.frame()),
             action: take.action,
@@ -153,13 +196,14 @@ impl Recorder<'_> {
             contacts: self.env.truth().contacts,
             wall_time_ns,
         };
-        if let Err(e) = take.recording.push(&step) {
+        if let Err(e) = take.recording.push_by(&step, planned.is_some()) {
             // With a step missing it would be another episode; what was driven so far is safe in the journal.
             self.clock.stop();
             self.take = None;
             return Err(e);
         }
         self.show();
+        self.show_beside();
         if outcome.end.is_some() { self.end(true) } else { Ok(()) }
     }
 
@@ -192,8 +236,26 @@ impl Recorder<'_> {
             n_late: self.clock.n_late(),
             is_paused: !self.clock.runs(),
             n_unsafe_marks: 0,
+            is_planned: self.companion.is_driving(),
         });
         self.reports.wake();
+    }
+
+    /// Draws the dream beside, if there is time.
+    fn show_beside(&mut self) {
+        let Some(take) = self.take.as_ref().filter(|_| self.companion.is_beside()) else { return };
+        let (left, n_steps) = (self.clock.time_left(Instant::now()), take.recording.n_steps());
+        let (companion, frame) = (&self.companion, &take.frame);
+        if let Some(Some(view)) = self.drawing.spend(left, || companion.view(n_steps, frame)) {
+            self.beside.put(view);
+            self.reports.wake();
+        }
+    }
+
+    fn say(&self, done: Result<(), String>) {
+        if let Err(e) = done {
+            self.reports.fail(NAME, e);
+        }
     }
 }
 
@@ -209,12 +271,23 @@ mod tests {
     use super::*;
     use crate::worker::toy::Wall;
 
+    fn recorder(
+        len: usize,
+        action: &LiveAction,
+        view: &Latest<LiveView>,
+        reports: &Reports,
+    ) -> Worker<RecorderCommand> {
+        let views = (view.clone(), Latest::default());
+        let planner = PlannerConfig::car_racing();
+        spawn(Box::new(Wall::new(len)), "wall", planner, action.clone(), views, reports)
+    }
+
     #[test]
     fn an_episode_that_the_environment_ends_is_on_disk() {
         let dir = tempfile::tempdir().unwrap();
         let (reports, inbox) = Reports::new(|| ());
         let (action, view) = (Latest::default(), Latest::default());
-        let recorder = spawn(Box::new(Wall::new(5)), "wall", action.clone(), view.clone(), &reports);
+        let recorder = recorder(5, &action, &view, &reports);
         action.put((Action::new(0.5, 1.0, 0.0), Instant::now() + std::time::Duration::from_secs(1000)));
         recorder.send(RecorderCommand::Start { dataset: dir.path().to_owned(), seed: 9 });
         let Report::Recorded { episode: 0, n_steps: 5 } = inbox.recv().unwrap() else {
@@ -245,7 +318,7 @@ mod tests {
         let dir = tempfile::tempdir().unwrap();
         let (reports, _inbox) = Reports::new(|| ());
         let view = Latest::<LiveView>::default();
-        let recorder = spawn(Box::new(Wall::new(1000)), "wall", Latest::default(), view.clone(), &reports);
+        let recorder = recorder(1000, &Latest::default(), &view, &reports);
         recorder.send(RecorderCommand::Start { dataset: dir.path().to_owned(), seed: 0 });
         while view.take().is_none_or(|view| view.step < 2) {
             std::thread::yield_now();
@@ -293,7 +366,9 @@ mod tests {
         commands.into_iter().for_each(|command| sender.send(command).unwrap());
         drop(sender);
         let (reports, inbox) = Reports::new(|| ());
-        record(&heard, &reports, Box::new(Wall::new(5)), "wall", &Latest::default(), &Latest::default());
+        let planner = PlannerConfig::car_racing();
+        let views = Views::default();
+        record(&heard, &reports, Box::new(Wall::new(5)), "wall", planner, &Latest::default(), &views);
         drop(reports);
         inbox.into_iter().collect()
     }

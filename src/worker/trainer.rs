@@ -20,7 +20,7 @@ use crate::world_model::WorldModel;
 
 const NAME: &str = "trainer";
 /// From so many answers on, something can be learned from them, and something be said about them.
-const MIN_LABELS: usize = 10;
+pub const MIN_LABELS: usize = 10;
 /// Once one in so many answers is new, all are learned anew.
 const NEW_SHARE: usize = 10;
 /// Parameters are handed on no more often than this.
@@ -157,6 +157,7 @@ impl<'a> Learner<'a> {
                 });
                 self.reports.send(Report::Weighed { pairs, disagreements });
             }
+            TrainerCommand::Relearn => self.n_new = self.order.len(),
             TrainerCommand::Fit { .. } => unreachable!("a fit hears commands itself"),
         }
     }
@@ -412,6 +413,25 @@ mod tests {
             panic!("{reports:?}")
         };
         assert!(one.contains("step 41 of dream 0") && other.contains("no answers"), "{one}; {other}");
+    }
+
+    #[test]
+    fn answers_that_weigh_differently_are_learned_anew_at_once() {
+        let (reports, _inbox) = Reports::new(|| ());
+        let mut learner = Learner::new(toy::model(), RewardConfig::tiny(), &reports);
+        for id in 0..2 {
+            learner.hear(TrainerCommand::AddDream(DreamId(id as u32), Arc::new(toy::dream(id, 60))));
+        }
+        for command in answers(0..40) {
+            learner.hear(command);
+        }
+        learner.go_on();
+        let weights = Weights { safety: 0.9, ..Weights::car_racing() };
+        let label = weights.label(&Response::Safety(SafetyAnswer::OnlyLeft)).unwrap();
+        learner.hear(TrainerCommand::Learn(toy::query(0, (0, 0), (1, 0)), label));
+        assert!(!learner.is_behind(), "one answer in forty can wait");
+        learner.hear(TrainerCommand::Relearn);
+        assert!(learner.is_behind(), "but other weights cannot");
     }
 
     #[test]

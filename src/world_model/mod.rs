@@ -195,6 +195,13 @@ impl WorldModel {
         Ok(Self { config, parameters, eyes, brush, foresight, mdn_rnn, starts, hash: OnceCell::new() })
     }
 
+    /// The state, a batch of one, whose features `[z | c | h]` are these.
+    pub fn state_of(&self, features: &[f32]) -> State {
+        let (z, memory) = features.split_at(self.config.mdn_rnn.latent as usize);
+        let (c, h) = memory.split_at(self.config.mdn_rnn.memory as usize);
+        State::from(&LatentState { z: z.to_vec(), c: c.to_vec(), h: h.to_vec() })
+    }
+
     /// Both networks as they are trained: what [`Self::load`] takes.
     pub fn parameters_of(
         config: &WorldModelConfig,

@@ -7,6 +7,7 @@
 
 use std::io::Write as _;
 use std::path::Path;
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use dropj::dream::Dream;
@@ -16,7 +17,7 @@ use dropj::query::{Preference, Protocol, Response, SafetyAnswer, sample_queries}
 use dropj::reward::RewardConfig;
 use dropj::run::read_parameters;
 use dropj::session::{Answer, Choice, DreamSource, Event, Header, SessionStore};
-use dropj::ui::{App, LoadedWorld, NoPads, Panel, Plans, Startup, Threads};
+use dropj::ui::{App, FirstWorld, LoadedWorld, NoPads, Panel, Plans, Startup, Threads};
 use dropj::world_model::fit::FitConfig;
 use dropj::world_model::{WorldModel, WorldModelConfig};
 use eframe::egui::{Key, vec2};
@@ -81,15 +82,15 @@ fn window(model: &WorldModel, store: SessionStore, dir: &Path) -> Harness<'stati
         env: "car-racing".to_owned(),
         sessions: dir.to_owned(),
         dataset: dir.join("data"),
-        world: Ok(LoadedWorld {
+        world: FirstWorld::Here(Ok(LoadedWorld {
             name: "the shipped one".to_owned(),
             path: None,
             parameters: model.parameters().clone(),
             card: Vec::new(),
             starts: Vec::new(),
-        }),
+        })),
         session: Some(store),
-        load: Box::new(|_| Err("none is loaded here".to_owned())),
+        load: Arc::new(|_| Err("none is loaded here".to_owned())),
         hire: Box::new(|reports, model| Box::new(Threads::new(plans, reports, model))),
         input: Box::new(NoPads),
     };

@@ -155,7 +155,7 @@ fn a_pause_is_suggested_quietly_and_time_away_does_not_count() {
 
 #[test]
 fn the_label_panel_looks_as_it_did_in_small_and_large_windows() {
-    if !has_adapter() {
+    if !looks::has_adapter() {
         return;
     }
     let mut results = egui_kittest::SnapshotResults::new();

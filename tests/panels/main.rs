@@ -7,26 +7,27 @@
 )]
 
 mod asking;
+mod cockpit;
 mod journeys;
 mod keys;
 mod labeling;
+mod looks;
 
 use std::path::Path;
 use std::sync::{Arc, Mutex};
 
 use dropj::dream::DreamEpisode;
 use dropj::env::controls::Pad;
-use dropj::env::{Action, Frame, Outcome};
-use dropj::evaluation::Tally;
+use dropj::env::{Action, Frame};
 use dropj::query::{Preference, Protocol, QueryId, Response, SEGMENT_LEN, SafetyAnswer, SkipReason};
 use dropj::session::{DreamSource, Header, SessionStore};
 use dropj::tensor::Parameters;
 use dropj::ui::{
-    App, Crew, DreamStart, InputSource, LoadedWorld, Order, PadButton, PadEvent, Panel, Slots, Startup,
+    App, Crew, DreamStart, FirstWorld, InputSource, LoadedWorld, Order, PadButton, PadEvent, Panel, Slots,
+    Startup,
 };
 use dropj::worker::{
-    CandidateView, ClipperCommand, DreamerCommand, DriveView, Learning, LiveView, RecorderCommand, Report,
-    Reports, TrainerCommand,
+    ClipperCommand, DreamerCommand, LiveView, RecorderCommand, Report, Reports, TrainerCommand,
 };
 use dropj::world_model::{LatentState, WorldModelConfig, untrained};
 use eframe::Storage;
@@ -148,22 +149,21 @@ fn window_with(
     picture: bool,
     storage: Option<&'static dyn Storage>,
 ) -> (Harness<'static, App>, Backstage) {
+    window_at(dir, session, size, picture, storage, 1.0)
+}
+
+/// The same on a screen of another scale.
+fn window_at(
+    dir: &Path,
+    session: Option<SessionStore>,
+    size: Vec2,
+    picture: bool,
+    storage: Option<&'static dyn Storage>,
+    scale: f32,
+) -> (Harness<'static, App>, Backstage) {
     let backstage = Backstage::default();
-    let crew = backstage.clone();
-    let startup = Startup {
-        env: "car-racing".to_owned(),
-        sessions: dir.to_owned(),
-        dataset: "recordings".into(),
-        world: Ok(world()),
-        session,
-        load: Box::new(|path| Err(format!("cannot read the world model: {path:?}"))),
-        hire: Box::new(move |reports, _| {
-            *crew.reports.lock().unwrap() = Some(reports.clone());
-            Box::new(crew)
-        }),
-        input: Box::new(backstage.clone()),
-    };
-    let builder = Harness::builder().with_size(size).with_step_dt(0.04);
+    let startup = startup(dir, session, &backstage);
+    let builder = Harness::builder().with_size(size).with_step_dt(0.04).with_pixels_per_point(scale);
     let builder = if picture { builder.with_render_cursor(false).wgpu() } else { builder };
     let mut harness = builder.build_eframe(|cc| {
         cc.storage = storage;
@@ -171,6 +171,24 @@ fn window_with(
     });
     harness.run_steps(2);
     (harness, backstage)
+}
+
+/// What a window in a test begins with.
+fn startup(dir: &Path, session: Option<SessionStore>, backstage: &Backstage) -> Startup {
+    let crew = backstage.clone();
+    Startup {
+        env: "car-racing".to_owned(),
+        sessions: dir.to_owned(),
+        dataset: "recordings".into(),
+        world: FirstWorld::Here(Ok(world())),
+        session,
+        load: Arc::new(|path| Err(format!("cannot read the world model: {path:?}"))),
+        hire: Box::new(move |reports, _| {
+            *crew.reports.lock().unwrap() = Some(reports.clone());
+            Box::new(crew)
+        }),
+        input: Box::new(backstage.clone()),
+    }
 }
 
 /// A window on the label panel of a session.
@@ -406,7 +424,7 @@ fn losing_the_focus_lets_go_of_all_keys() {
 fn unplugging_a_pad_lets_go_of_it_and_says_so() {
     let dir = tempfile::tempdir().unwrap();
     let (mut harness, backstage) = dreaming(dir.path());
-    let pad = Pad { stick: 1.0, right_trigger: 1.0, left_trigger: 0.0 };
+    let pad = Pad { stick: 1.0, right_trigger: 1.0, ..Pad::default() };
     let name = || "Test pad".to_owned();
     backstage.pad.lock().unwrap().extend([PadEvent::Connected(name()), PadEvent::Moved(pad)]);
     harness.run_steps(2);
@@ -471,6 +489,7 @@ fn view(step: usize) -> LiveView {
         n_late: 0,
         is_paused: false,
         n_unsafe_marks: 0,
+        is_planned: false,
     }
 }
 
@@ -539,98 +558,6 @@ fn controls_have_names() {
         });
         assert_eq!(nameless.count(), 0, "on the panel {panel:?}");
     }
-}
-
-/// Pictures of the panels, for the eye: `UPDATE_SNAPSHOTS=1` makes them anew.
-#[test]
-fn panels_look_as_they_did() {
-    if !has_adapter() {
-        return;
-    }
-    let dir = tempfile::tempdir().unwrap();
-    let mut results = egui_kittest::SnapshotResults::new();
-    let (mut harness, backstage) =
-        window(dir.path(), Some(session(dir.path(), Protocol::Dropj)), vec2(960.0, 640.0), true);
-    results.add(harness.try_snapshot("dream"));
-    go(&mut harness, Panel::Label);
-    for key in [Key::A, Key::ArrowRight, Key::S, Key::P] {
-        press(&mut harness, key);
-    }
-    results.add(harness.try_snapshot("label"));
-    for epoch in 0..20 {
-        backstage.report(Report::Learning(learning(epoch)));
-    }
-    go(&mut harness, Panel::Reward);
-    results.add(harness.try_snapshot("reward"));
-    let parameters = world().parameters;
-    backstage.report(Report::Learned { parameters, n_labels: 3, fit: None });
-    go(&mut harness, Panel::Deploy);
-    backstage.slots.drive.put(driving());
-    harness.run_steps(2);
-    results.add(harness.try_snapshot("deploy"));
-    for (panel, name) in [(Panel::Record, "record"), (Panel::World, "world")] {
-        go(&mut harness, panel);
-        harness.run_steps(2);
-        results.add(harness.try_snapshot(name));
-    }
-    harness.get_by_label("Keys and help").click();
-    harness.run_steps(10);
-    harness.get_by_label("flag: F").click();
-    harness.run_steps(2);
-    press(&mut harness, Key::S);
-    results.add(harness.try_snapshot("keys"));
-}
-
-fn learning(epoch: usize) -> Learning {
-    let loss = |member: usize| 0.7 / (1.0 + 0.1 * (epoch + member) as f32);
-    Learning {
-        epoch,
-        losses: (0..3).map(loss).collect(),
-        held_out_loss: Some(loss(4)),
-        agreement: Some(1.0 - loss(4)),
-        n_labels: epoch,
-        fit_epochs: None,
-    }
-}
-
-fn driving() -> DriveView {
-    let candidate = |i: usize| CandidateView {
-        actions: "straight 15".to_owned(),
-        predicted_return: 0.1 * i as f32,
-        frames: vec![frame(10 * i)],
-    };
-    let mut tally = Tally::default();
-    tally.add(&Outcome { reward: 10.0, ..Outcome::default() }, Some(0.004));
-    DriveView {
-        frame: frame(90),
-        picture: (4, 3, vec![120; 36].into()),
-        step: 1,
-        metrics: tally.metrics(),
-        candidates: (0..15).map(candidate).collect(),
-        chosen: 6,
-        plan_ms: 4.0,
-    }
-}
-
-/// Whether pictures can be drawn here at all; where they must be, that is an error.
-fn has_adapter() -> bool {
-    let draws = std::panic::catch_unwind(|| {
-        Harness::builder()
-            .with_size(vec2(8.0, 8.0))
-            .wgpu()
-            .build_ui(|ui| drop(ui.label("x")))
-            .render()
-            .is_ok()
-    });
-    let has_one = draws.unwrap_or(false);
-    assert!(
-        has_one || std::env::var_os("REQUIRE_WGPU").is_none(),
-        "REQUIRE_WGPU is set, but nobody can draw"
-    );
-    if !has_one {
-        eprintln!("SKIPPED: there is no graphics adapter, not even in software");
-    }
-    has_one
 }
 
 #[test]

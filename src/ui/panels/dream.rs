@@ -6,12 +6,14 @@ use crate::env::{MAX_STEPS, STEPS_PER_SEC};
 use crate::ui::act::counted;
 use crate::ui::command::{Command, Panel};
 use crate::ui::keys::Deed;
+use crate::ui::panels::review::review_ui;
 use crate::ui::state::State;
 use crate::ui::tokens::{self, GAP, Tokens};
 use crate::ui::widgets::clip::{Rim, paint_picture, picture_ui};
-use crate::ui::widgets::gauge::{action_ui, figure_ui, row_color_ui, row_ui};
+use crate::ui::widgets::gauge::{action_ui, figure_ui, row_button, row_color_ui, row_ui};
 use crate::ui::widgets::keycap::{KeyButton, Tone, key_name};
 use crate::ui::widgets::layout::{beside_picture, heading, titled_card, with_side};
+use crate::worker::LiveView;
 
 /// Width by height of a dream.
 const SHAPE: f32 = 1.0;
@@ -24,6 +26,10 @@ pub(super) fn dream_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) 
         "Dream",
         "Drive inside the world model. Drive well, and drive badly too: both are worth asking about.",
     );
+    if state.world.loading.is_some() {
+        ui.label(tokens::muted(ui, "Reading the world model…"));
+        return;
+    }
     if state.world.loaded.as_ref().is_none_or(|world| world.starts.is_empty()) {
         let why = match &state.world.loaded {
             None => "A dream needs a world model.",
@@ -44,6 +50,9 @@ pub(super) fn dream_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) 
 
 fn stage_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
     let dream = &state.dream;
+    if state.is_reviewing() {
+        return review_ui(ui, state, commands);
+    }
     let room = ui.available_size();
     let side = (room.y - BELOW).min(room.x).max(120.0);
     let live = dream.live.as_ref().filter(|_| dream.is_on);
@@ -57,6 +66,8 @@ fn stage_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
     let response = picture_ui(ui, picture, vec2(side, side), &label, empty, rim);
     if is_paused {
         banner(ui, response.rect, "Paused");
+    } else if live.is_some_and(|live| live.is_planned) {
+        banner(ui, response.rect, "The planner drives");
     }
     ui.add_space(6.0);
     if dream.is_on {
@@ -95,6 +106,7 @@ fn driving_ui(ui: &mut Ui, state: &State, is_paused: bool, commands: &mut Vec<Co
                 KeyButton::new(if is_paused { "Go on" } else { "Pause" }).key(key(Deed::Pause)),
                 Command::PauseDream,
             ),
+            (hand_over_button(state, state.dream.live.as_ref()), Command::HandOver),
             (KeyButton::new("Redo").key(key(Deed::Redo)), Command::RedoDream),
             (KeyButton::new("Leave").key(key(Deed::Leave)).tone(Tone::Quiet), Command::LeaveDream),
         ] {
@@ -106,6 +118,13 @@ fn driving_ui(ui: &mut Ui, state: &State, is_paused: bool, commands: &mut Vec<Co
             commands.push(Command::StepDream);
         }
     });
+}
+
+/// Who has the wheel gives it to the other.
+pub(super) fn hand_over_button<'a>(state: &State, live: Option<&LiveView>) -> KeyButton<'a> {
+    let is_planned = live.is_some_and(|live| live.is_planned);
+    let name = if is_planned { "Take over" } else { "Hand over" };
+    KeyButton::new(name).key(state.keys.of(Deed::HandOver))
 }
 
 fn starts_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
@@ -146,7 +165,7 @@ fn start_ui(ui: &mut Ui, state: &State, idx: usize, name: &str) -> bool {
     response.on_hover_text(name).clicked()
 }
 
-fn aside_ui(ui: &mut Ui, state: &State, _commands: &mut Vec<Command>) {
+fn aside_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
     let tokens = Tokens::of(ui);
     let live = state.dream.live.as_ref();
     titled_card(ui, "Now", |ui| {
@@ -161,8 +180,9 @@ fn aside_ui(ui: &mut Ui, state: &State, _commands: &mut Vec<Command>) {
             figure_ui(ui, rate, &format!("steps a second of {STEPS_PER_SEC}"));
         });
         ui.add_space(6.0);
-        let action =
-            live.filter(|live| is_on && live.is_paused).map_or(state.dream.action, |live| live.action);
+        let action = live
+            .filter(|live| is_on && (live.is_paused || live.is_planned))
+            .map_or(state.dream.action, |live| live.action);
         action_ui(ui, if is_on { action } else { crate::env::Action::default() });
         ui.add_space(2.0);
         let n_late = live.map_or(0, |live| live.n_late);
@@ -170,7 +190,7 @@ fn aside_ui(ui: &mut Ui, state: &State, _commands: &mut Vec<Command>) {
         row_color_ui(ui, "Late steps", n_late.to_string(), color);
         row_ui(ui, "Unsafe marks", live.map_or(0, |live| live.n_unsafe_marks).to_string());
     });
-    kept_ui(ui, state);
+    kept_ui(ui, state, commands);
     titled_card(ui, "At the wheel", |ui| {
         for (name, deeds) in [
             ("Steer", &[Deed::SteerLeft, Deed::SteerRight][..]),
@@ -187,9 +207,13 @@ fn aside_ui(ui: &mut Ui, state: &State, _commands: &mut Vec<Command>) {
     });
 }
 
-fn kept_ui(ui: &mut Ui, state: &State) {
+fn kept_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
     titled_card(ui, "Kept dreams", |ui| {
-        let dreams = state.session().map_or(&[][..], |session| session.dreams());
+        let Some(session) = state.session() else {
+            ui.label(tokens::muted(ui, "None yet. Drive, and keep what you have driven."));
+            return;
+        };
+        let dreams: Vec<_> = session.dreams().iter().filter(|kept| !session.is_dropped(kept.dream)).collect();
         if dreams.is_empty() {
             ui.label(tokens::muted(ui, "None yet. Drive, and keep what you have driven."));
             return;
@@ -199,7 +223,13 @@ fn kept_ui(ui: &mut Ui, state: &State) {
                 0 => String::new(),
                 n => format!(" · {}", counted(n, "mark")),
             };
-            row_ui(ui, &format!("Dream {}", kept.dream.0 + 1), format!("{} steps{marks}", kept.len));
+            let by_planner = if kept.planned > 0 { " · shared" } else { "" };
+            let about = format!("{} steps{marks}{by_planner}", kept.len);
+            let is_chosen = state.review.dream == Some(kept.dream) && state.is_reviewing();
+            let response = row_button(ui, &format!("Dream {}", kept.dream.0 + 1), &about, is_chosen);
+            if response.on_hover_text("Look at it again, or delete it").clicked() && !state.dream.is_on {
+                commands.push(Command::Review(Some(kept.dream)));
+            }
         }
         if dreams.len() > 12 {
             ui.label(tokens::small(ui, format!("and {} before", dreams.len() - 12)));

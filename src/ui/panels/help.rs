@@ -5,6 +5,7 @@ use eframe::egui::{Event, Grid, Id, Key, Modal, PointerButton, RichText, ScrollA
 use crate::env::controls::ControlConfig;
 use crate::ui::command::Command;
 use crate::ui::keys::{Deed, Rebinding, Taken};
+use crate::ui::panels::pad::{pad_ui, told};
 use crate::ui::state::State;
 use crate::ui::tokens::{self, GAP, Tokens};
 use crate::ui::widgets::keycap::{KeyButton, Tone, key_name, keycap_button};
@@ -22,6 +23,8 @@ const DRIVING: Rows = &[
     (&[Deed::Pause], "pause"),
     (&[Deed::Step], "one step, paused"),
     (&[Deed::Unsafe], "unsafe now"),
+    (&[Deed::HandOver], "planner or hand at the wheel"),
+    (&[Deed::Beside], "dream beside the real car"),
     (&[Deed::Leave], "leave"),
 ];
 
@@ -46,11 +49,27 @@ const LABELING: Rows = &[
 pub(super) fn help_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
     let modal = Modal::new(Id::unique("help")).frame(dialog_frame(ui)).show(ui.ctx(), |ui| {
         ui.set_width(620.0);
-        ui.label(tokens::title("Keys"));
-        told_ui(ui, state, commands);
+        ui.horizontal(|ui| {
+            ui.label(tokens::title("Keys and help"));
+            ui.add_space(GAP);
+            for (name, is_pad) in [("Keys", false), ("Gamepad", true)] {
+                let tone = if state.is_pad_shown == is_pad { Tone::Chosen } else { Tone::Quiet };
+                if KeyButton::new(name).tone(tone).small().show(ui).clicked() {
+                    commands.push(Command::ShowPad(is_pad));
+                }
+            }
+        });
+        if state.is_pad_shown {
+            ui.label(tokens::muted(ui, told(state)));
+        } else {
+            told_ui(ui, state, commands);
+        }
         ui.add_space(GAP);
         let room = (ui.ctx().content_rect().height() - 210.0).max(150.0);
         ScrollArea::vertical().max_height(room).show(ui, |ui| {
+            if state.is_pad_shown {
+                return pad_ui(ui, state, commands);
+            }
             ui.columns(2, |columns| {
                 keys_ui(&mut columns[0], state, "Driving", DRIVING, commands);
                 columns[0].add_space(GAP);
@@ -58,7 +77,7 @@ pub(super) fn help_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
                 keys_ui(&mut columns[1], state, "Labeling", LABELING, commands);
             });
             ui.add_space(GAP);
-            ui.label(tokens::small(ui, "Ctrl and 1 to 6 go to a panel; Ctrl+Z undoes an answer, Ctrl+Shift+Z or Ctrl+Y gives it back. A gamepad drives with its left stick and triggers: Y keeps, X redoes, A marks, Start pauses, B leaves. Labeling: shoulders and cross, B skips, Back undoes."));
+            ui.label(tokens::small(ui, "Ctrl and 1 to 6 go to a panel; Ctrl+Z undoes an answer, Ctrl+Shift+Z or Ctrl+Y gives it back. Looking at a kept dream: Page Up and Page Down for others, Delete deletes it."));
             ui.add_space(GAP);
             ui.label(tokens::small(ui, format!("dropj {} · drawn by {}", env!("CARGO_PKG_VERSION"), state.adapter)));
         });
@@ -155,15 +174,13 @@ fn cap_ui(ui: &mut Ui, state: &State, slot: (Deed, usize), key: Key, commands: &
 fn controls_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
     ui.label(RichText::new("At the wheel").strong().color(Tokens::of(ui).text));
     let mut controls = state.controls;
-    let ControlConfig { key_steer, key_gas, key_brake, dead_zone } = &mut controls;
-    for (value, most, name) in [
-        (key_steer, 1.0, "steering of a key"),
-        (key_gas, 1.0, "gas of a key"),
-        (key_brake, 1.0, "brake of a key"),
-        (dead_zone, 0.5, "dead zone of a pad"),
-    ] {
-        ui.add(Slider::new(value, 0.0..=most).fixed_decimals(2).text(name));
+    let ControlConfig { key_steer, key_gas, key_brake, .. } = &mut controls;
+    for (value, name) in
+        [(key_steer, "steering of a key"), (key_gas, "gas of a key"), (key_brake, "brake of a key")]
+    {
+        ui.add(Slider::new(value, 0.0..=1.0).fixed_decimals(2).text(name));
     }
+    ui.label(tokens::small(ui, "With Shift, keys give half of that."));
     if controls != state.controls {
         commands.push(Command::Control(controls));
     }

@@ -2,16 +2,20 @@
 
 mod answers;
 mod asking;
+mod beside;
 mod deploy;
 mod dream;
 mod help;
 mod label;
 mod progress;
+mod pad;
 mod rail;
 mod record;
+mod review;
 mod reward;
 mod sessions;
 mod status;
+mod weights;
 mod world;
 
 use eframe::egui::{CentralPanel, Frame, Key, Margin, Panel as Side, Ui};

@@ -1,10 +1,11 @@
 //! The path of the work, and how far it is.
 
 use eframe::egui::{
-    Align, Align2, Color32, CornerRadius, FontId, Key, Layout, Modifiers, Pos2, Rect, Role, Sense, Stroke,
-    Ui, WidgetInfo, pos2, vec2,
+    Align, Align2, Color32, CornerRadius, FontId, Key, Layout, Modifiers, Pos2, Rect, Role, Sense, Shape,
+    Stroke, Ui, WidgetInfo, pos2, vec2,
 };
 
+use crate::env::MAX_STEPS;
 use crate::ui::act::counted;
 use crate::ui::command::{Command, Panel};
 use crate::ui::state::State;
@@ -34,9 +35,10 @@ pub(super) fn rail_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
     let keys = [Key::Num1, Key::Num2, Key::Num3, Key::Num4, Key::Num5, Key::Num6];
     for (i, (panel, key)) in Panel::ALL.into_iter().zip(keys).enumerate() {
         let (progress, about) = step(state, panel);
+        let share = share(state, panel);
         let is_chosen = state.panel == panel;
         let is_last = i + 1 == Panel::ALL.len();
-        if step_ui(ui, i + 1, panel.name(), &about, progress, is_chosen, is_last)
+        if step_ui(ui, i + 1, (panel.name(), &about), (progress, share), is_chosen, is_last)
             || ui.input_mut(|input| input.consume_key(Modifiers::COMMAND, key))
         {
             commands.push(Command::Show(panel));
@@ -48,7 +50,7 @@ pub(super) fn rail_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
 /// How far `panel` is, and its figure.
 fn step(state: &State, panel: Panel) -> (Progress, String) {
     let session = state.session();
-    let n_dreams = session.map_or(0, |session| session.dreams().len());
+    let n_dreams = session.map_or(0, |session| session.dream_lens().len());
     let n_answered = session.map_or(0, |session| session.statistics().n_answered);
     let when = |is_done, about: String| (if is_done { Progress::Done } else { Progress::Ready }, about);
     let waiting = |about: &str| (Progress::Waiting, about.to_owned());
@@ -59,18 +61,22 @@ fn step(state: &State, panel: Panel) -> (Progress, String) {
             n => (Progress::Done, counted(n, "episode")),
         },
         Panel::World if state.world.fit.is_some() => (Progress::Running, "fitting".to_owned()),
+        Panel::World if state.world.loading.is_some() => (Progress::Running, "being read".to_owned()),
         Panel::World => match &state.world.loaded {
             Some(world) => (Progress::Done, world.name.clone()),
             None => (Progress::Ready, "none loaded".to_owned()),
         },
         Panel::Dream if state.dream.is_on => (Progress::Running, "dreaming".to_owned()),
-        Panel::Dream if state.world.loaded.is_none() => waiting("needs a world model"),
+        Panel::Dream if state.world.loaded.is_none() && state.world.loading.is_none() => {
+            waiting("needs a world model")
+        }
         Panel::Dream if n_dreams == 0 => (Progress::Ready, "drive one".to_owned()),
         Panel::Dream => when(true, format!("{n_dreams} kept")),
         Panel::Label if n_dreams == 0 => waiting("needs dreams"),
         Panel::Label if n_answered == 0 => (Progress::Ready, "answer queries".to_owned()),
         Panel::Label => when(true, counted(n_answered, "answer")),
         Panel::Reward if state.reward.is_fitting => (Progress::Running, "fitting".to_owned()),
+        Panel::Reward if state.reward.is_relearning => (Progress::Running, "learning anew".to_owned()),
         Panel::Reward if n_answered == 0 => waiting("needs answers"),
         Panel::Reward => when(state.reward.parameters.is_some(), learned(state)),
         Panel::Deploy if state.deploy.is_on => (Progress::Running, "driving".to_owned()),
@@ -79,6 +85,25 @@ fn step(state: &State, panel: Panel) -> (Progress, String) {
             0 => (Progress::Ready, "let it drive".to_owned()),
             n => (Progress::Done, counted(n, "episode")),
         },
+    }
+}
+
+/// How much of what is being done on `panel` is done, where that is known.
+fn share(state: &State, panel: Panel) -> Option<f32> {
+    let of = |done: usize, all: usize| done as f32 / all.max(1) as f32;
+    match panel {
+        Panel::Record if state.record.is_on => Some(of(state.record.live.as_ref()?.step, MAX_STEPS)),
+        Panel::World => {
+            let progress = state.world.fit.as_ref()?.progress.as_ref()?;
+            Some(of(progress.epoch * progress.n + progress.done, progress.max_epochs * progress.n))
+        }
+        Panel::Dream if state.dream.is_on => Some(of(state.dream.live.as_ref()?.step, MAX_STEPS)),
+        Panel::Reward if state.reward.is_fitting => {
+            let latest = state.reward.latest.as_ref()?;
+            Some(of(latest.epoch, latest.fit_epochs?))
+        }
+        Panel::Deploy if state.deploy.is_on => Some(of(state.deploy.view.as_ref()?.step, MAX_STEPS)),
+        _ => None,
     }
 }
 
@@ -92,9 +117,8 @@ fn learned(state: &State) -> String {
 fn step_ui(
     ui: &mut Ui,
     number: usize,
-    name: &str,
-    about: &str,
-    progress: Progress,
+    (name, about): (&str, &str),
+    (progress, share): (Progress, Option<f32>),
     is_chosen: bool,
     is_last: bool,
 ) -> bool {
@@ -114,6 +138,9 @@ fn step_ui(
         painter.vline(center.x, to_next, Stroke::new(1.0, tokens.border));
     }
     dot(ui, center, number, progress);
+    if let Some(share) = share.filter(|_| progress == Progress::Running) {
+        arc(ui, center, share);
+    }
     let left = rect.left() + 46.0;
     let ink = if progress == Progress::Waiting && !is_chosen { tokens.muted } else { tokens.text };
     painter.text(pos2(left, center.y - 8.0), Align2::LEFT_CENTER, name, FontId::proportional(14.5), ink);
@@ -123,6 +150,17 @@ fn step_ui(
     let below = Rect::from_min_max(pos2(left, center.y), rect.max);
     ui.painter().with_clip_rect(below).galley(pos2(left, center.y + 1.0), galley, ink);
     response.clicked()
+}
+
+/// How much of a step is done, around its number.
+fn arc(ui: &Ui, center: Pos2, share: f32) {
+    let tokens = Tokens::of(ui);
+    let point = |i: u32| {
+        let angle = share.clamp(0.0, 1.0) * std::f32::consts::TAU * i as f32 / 40.0;
+        center + vec2(angle.sin(), -angle.cos()) * 14.5
+    };
+    ui.painter().circle_stroke(center, 14.5, Stroke::new(2.0, tokens.border));
+    ui.painter().add(Shape::line((0..=40).map(point).collect(), Stroke::new(2.0, tokens.accent)));
 }
 
 /// A step's number in a ring: empty, filled, or a check mark.

@@ -5,9 +5,10 @@ use eframe::egui::{Ui, vec2};
 use crate::env::{MAX_STEPS, STEPS_PER_SEC};
 use crate::ui::command::{Command, Field};
 use crate::ui::keys::Deed;
-use crate::ui::panels::dream::banner;
+use crate::ui::panels::beside::{dream_beside_ui, drift_ui};
+use crate::ui::panels::dream::{banner, hand_over_button};
 use crate::ui::state::State;
-use crate::ui::tokens::{self, Tokens};
+use crate::ui::tokens::{self, GAP, Tokens};
 use crate::ui::widgets::clip::{Rim, picture_ui};
 use crate::ui::widgets::field::{field_ui, path_ui};
 use crate::ui::widgets::gauge::{action_ui, figure_ui, row_color_ui, row_ui};
@@ -24,7 +25,8 @@ pub(super) fn record_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>)
     heading(ui, "Record", about);
     let main = |ui: &mut Ui, commands: &mut Vec<Command>| stage_ui(ui, state, commands);
     let aside = |ui: &mut Ui, commands: &mut Vec<Command>| aside_ui(ui, state, commands);
-    let side = beside_picture(ui, SHAPE, BELOW);
+    let shape = if state.record.besides.asked.is_some() { SHAPE + 1.0 } else { SHAPE };
+    let side = beside_picture(ui, shape, BELOW);
     with_side(ui, side, commands, main, aside);
 }
 
@@ -33,7 +35,11 @@ fn stage_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
     let live = record.live.as_ref().filter(|_| record.is_on);
     let is_paused = live.is_some_and(|live| live.is_paused);
     let room = ui.available_size();
-    let width = room.x.min((room.y - BELOW) * SHAPE).max(150.0);
+    let is_beside = record.besides.asked.is_some();
+    // Both are equally high.
+    let shape = if is_beside { SHAPE + 1.0 } else { SHAPE };
+    let gap = if is_beside { GAP } else { 0.0 };
+    let height = ((room.x - gap) / shape).min(room.y - BELOW).max(120.0);
     let label = live.map_or("The track".to_owned(), |live| format!("The track at step {}", live.step));
     let empty = if record.is_on {
         "Drawing the track…"
@@ -42,10 +48,18 @@ fn stage_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
     };
     let rim = if is_paused { Rim::Accent } else { Rim::Plain };
     let picture = record.picture.as_ref().filter(|_| live.is_some());
-    let response = picture_ui(ui, picture, vec2(width, width / SHAPE), &label, empty, rim);
-    if is_paused {
-        banner(ui, response.rect, "Paused");
-    }
+    ui.horizontal(|ui| {
+        ui.spacing_mut().item_spacing.x = gap;
+        let response = picture_ui(ui, picture, vec2(height * SHAPE, height), &label, empty, rim);
+        if is_paused {
+            banner(ui, response.rect, "Paused");
+        } else if live.is_some_and(|live| live.is_planned) {
+            banner(ui, response.rect, "The planner drives");
+        }
+        if is_beside {
+            dream_beside_ui(ui, state, height);
+        }
+    });
     ui.add_space(6.0);
     let key = |deed| state.keys.of(deed);
     ui.horizontal_wrapped(|ui| {
@@ -58,12 +72,16 @@ fn stage_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
             return;
         }
         for (button, command) in [
-            (KeyButton::new("Keep").key(key(Deed::Keep)).tone(Tone::Primary), Command::KeepRecording),
+            (
+                KeyButton::new("Keep").key(key(Deed::Keep)).tone(Tone::Primary).enabled(!record.is_ending),
+                Command::KeepRecording,
+            ),
             (
                 KeyButton::new(if is_paused { "Go on" } else { "Pause" }).key(key(Deed::Pause)),
                 Command::PauseRecording,
             ),
-            (KeyButton::new("Redo").key(key(Deed::Redo)), Command::RedoRecording),
+            (hand_over_button(state, record.live.as_ref()), Command::HandOver),
+            (KeyButton::new("Redo").key(key(Deed::Redo)).enabled(!record.is_ending), Command::RedoRecording),
             (KeyButton::new("Leave").key(key(Deed::Leave)).tone(Tone::Quiet), Command::LeaveRecording),
         ] {
             if button.is_pressed(ui) {
@@ -88,7 +106,9 @@ fn aside_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
             figure_ui(ui, rate, &format!("steps a second of {STEPS_PER_SEC}"));
         });
         ui.add_space(6.0);
-        action_ui(ui, if record.is_on { state.dream.action } else { crate::env::Action::default() });
+        let planned = live.filter(|live| live.is_planned || live.is_paused).map(|live| live.action);
+        let held = if record.is_on { state.dream.action } else { crate::env::Action::default() };
+        action_ui(ui, planned.unwrap_or(held));
         let n_late = live.map_or(0, |live| live.n_late);
         row_color_ui(
             ui,
@@ -97,6 +117,7 @@ fn aside_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
             if n_late > 0 { tokens.warn } else { tokens.text },
         );
     });
+    titled_card(ui, "Dream and real", |ui| drift_ui(ui, state, commands));
     titled_card(ui, "Where", |ui| {
         ui.add_enabled_ui(!record.is_on, |ui| {
             path_ui(ui, state, Field::Dataset, "Folder of recordings", commands);

@@ -6,6 +6,9 @@ use egui_plot::Corner;
 use crate::session::Session;
 use crate::ui::act::counted;
 use crate::ui::command::{Command, Panel};
+use crate::ui::keys::Deed;
+use crate::ui::panels::review::judged_ui;
+use crate::ui::panels::weights::weights_ui;
 use crate::ui::state::State;
 use crate::ui::tokens::{self, GAP, Tokens};
 use crate::ui::widgets::curve::{Curve, curves_ui};
@@ -24,34 +27,48 @@ pub(super) fn reward_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>)
         }
         return;
     }
-    let main = |ui: &mut Ui, _: &mut Vec<Command>| curves(ui, state);
+    let main = |ui: &mut Ui, commands: &mut Vec<Command>| learned_ui(ui, state, commands);
     let aside = |ui: &mut Ui, commands: &mut Vec<Command>| {
         fit_ui(ui, state, commands);
-        titled_card(ui, "Labels", |ui| distribution_ui(ui, state));
+        titled_card(ui, "How much answers weigh", |ui| weights_ui(ui, state, commands));
+        titled_card(ui, "Answers by label", |ui| distribution_ui(ui, state));
     };
     with_side(ui, 300.0, commands, main, aside);
 }
 
-fn curves(ui: &mut Ui, state: &State) {
+/// A dream as the reward sees it, and how the reward came to see it so.
+fn learned_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
+    ui.spacing_mut().item_spacing.y = GAP;
+    let plot = ((ui.available_height() - 150.0) * 0.32).clamp(80.0, 240.0);
+    let review = (ui.available_height() - plot - 135.0).clamp(170.0, 520.0);
+    titled_card(ui, "What it says of a dream", |ui| judged_ui(ui, state, review - 40.0, commands));
+    curves(ui, state, plot);
+}
+
+fn curves(ui: &mut Ui, state: &State, height: f32) {
     let tokens = Tokens::of(ui);
     let reward = &state.reward;
-    ui.spacing_mut().item_spacing.y = GAP;
-    let height = ((ui.available_height() - 150.0) / 2.0 - 40.0).clamp(110.0, 320.0);
-    card(ui, |ui| {
-        let names = ["member 1", "member 2", "member 3"];
-        let curves = names.iter().zip(&reward.losses).zip(tokens.lines);
-        let curves: Vec<_> = curves.map(|((name, points), color)| Curve { name, points, color }).collect();
-        curves_ui(ui, "Cross-entropy of each member", &curves, None, Corner::RightTop, height);
-    });
-    ui.columns(2, |columns| {
+    ui.columns(3, |columns| {
         card(&mut columns[0], |ui| {
-            let curve = Curve { name: "reward", points: &reward.held_out, color: tokens.lines[0] };
-            let level = Some(("knowing nothing", std::f64::consts::LN_2));
-            curves_ui(ui, "Log-loss, held out", &[curve], level, Corner::LeftBottom, height);
+            let names = ["1", "2", "3"];
+            let curves = names.iter().zip(&reward.losses).zip(tokens.lines);
+            let curves: Vec<_> =
+                curves.map(|((name, points), color)| Curve { name, points, color }).collect();
+            let about = "Cross-entropy of each network with the labels that it learns from, report by report";
+            curves_ui(ui, ("Loss of each", about), &curves, None, Corner::RightTop, height);
         });
         card(&mut columns[1], |ui| {
+            let curve = Curve { name: "reward", points: &reward.held_out, color: tokens.lines[0] };
+            let level = Some(("knowing nothing", std::f64::consts::LN_2));
+            let about = "Cross-entropy with answers that were foretold before they were learned: below the \
+                         line it knows more than nothing";
+            curves_ui(ui, ("Held-out loss", about), &[curve], level, Corner::LeftBottom, height);
+        });
+        card(&mut columns[2], |ui| {
             let curve = Curve { name: "reward", points: &reward.agreement, color: tokens.lines[1] };
-            curves_ui(ui, "Answers foretold", &[curve], Some(("chance", 0.5)), Corner::RightBottom, height);
+            let about = "Share of the latest answers with a winner whose winner was foretold";
+            let level = Some(("chance", 0.5));
+            curves_ui(ui, ("Answers foretold", about), &[curve], level, Corner::RightBottom, height);
         });
     });
 }
@@ -82,7 +99,11 @@ fn fit_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
             ui.label(tokens::small(ui, format!("epoch {done}")));
             progress_ui(ui, "Full fit", done as f32 / all.unwrap_or(1).max(1) as f32);
         }
-        let fit = KeyButton::new("Fit fully").tone(Tone::Primary).enabled(!reward.is_fitting).wide(ui);
+        let fit = KeyButton::new("Fit fully")
+            .key(state.keys.of(Deed::Begin))
+            .tone(Tone::Primary)
+            .enabled(!reward.is_fitting)
+            .wide(ui);
         if fit.is_pressed(ui) {
             commands.push(Command::FitReward);
         }

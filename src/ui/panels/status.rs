@@ -6,7 +6,7 @@ use eframe::egui::{
 };
 
 use crate::ui::act::counted;
-use crate::ui::command::Command;
+use crate::ui::command::{Command, Field};
 use crate::ui::panels::progress;
 use crate::ui::state::{State, ToastKind};
 use crate::ui::tokens::{self, CORNER, Tokens};
@@ -16,6 +16,11 @@ pub(super) fn status_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>)
     let tokens = Tokens::of(ui);
     ui.horizontal_centered(|ui| {
         ui.spacing_mut().item_spacing.x = 14.0;
+        ui.label(tokens::small(ui, state.env.as_str()))
+            .on_hover_text("The environment: where the real car drives");
+        let annotator = annotator(state);
+        let about = "Who answers, kept with every answer; the list of answers has a field for the name";
+        ui.label(tokens::small(ui, annotator)).on_hover_text(about);
         match &state.store {
             Some(store) => {
                 let n = store.session().n_entries();
@@ -53,6 +58,13 @@ pub(super) fn status_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>)
     });
 }
 
+/// Whose answers these are.
+fn annotator(state: &State) -> String {
+    let typed = state.field(Field::Annotator).trim();
+    let of_the_session = state.header().map_or("anonymous", |header| header.config.annotator.as_str());
+    if typed.is_empty() { of_the_session.to_owned() } else { typed.to_owned() }
+}
+
 /// A word that can be clicked.
 fn quiet_ui(ui: &mut Ui, text: &str) -> eframe::egui::Response {
     let text = tokens::small(ui, text);
@@ -62,6 +74,9 @@ fn quiet_ui(ui: &mut Ui, text: &str) -> eframe::egui::Response {
 /// What is being done now.
 fn jobs(state: &State) -> Vec<String> {
     let mut jobs = Vec::new();
+    if state.world.loading.is_some() {
+        jobs.push("reading the world model".to_owned());
+    }
     if let Some(progress) = state.world.fit.as_ref().and_then(|fit| fit.progress.as_ref()) {
         jobs.push(format!("world model: epoch {} of {}", progress.epoch + 1, progress.max_epochs));
     } else if state.world.fit.is_some() {
@@ -70,6 +85,12 @@ fn jobs(state: &State) -> Vec<String> {
     if let Some(learning) = state.reward.latest.as_ref().filter(|_| state.reward.is_fitting) {
         let epochs = learning.fit_epochs.map_or_else(String::new, |n| format!(" of {n}"));
         jobs.push(format!("reward: epoch {}{epochs}", learning.epoch));
+    }
+    if state.reward.is_relearning {
+        jobs.push("reward: learning by other weights".to_owned());
+    }
+    if state.record.is_ending {
+        jobs.push("recording: being sealed".to_owned());
     }
     if state.deploy.is_on {
         jobs.push(format!("driving track {}", state.deploy.seed));

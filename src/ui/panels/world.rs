@@ -142,7 +142,8 @@ fn fitting_ui(ui: &mut Ui, fit: &FitState, now: f64) {
         Curve { name: "training", points: &fit.loss, color: tokens.lines[0] },
         Curve { name: "held out", points: &fit.held_out, color: tokens.lines[1] },
     ];
-    curves_ui(ui, "Loss by epoch", &curves, None, Corner::RightTop, 180.0);
+    let about = "What training makes small, and the same on episodes that it does not learn from";
+    curves_ui(ui, ("Loss by epoch", about), &curves, None, Corner::RightTop, 180.0);
 }
 
 /// `2 h 5 min`.

@@ -16,19 +16,19 @@ pub(crate) struct Curve<'a> {
     pub color: Color32,
 }
 
-/// Curves under a heading; `level` is drawn as a quiet line to compare with.
+/// Curves under a heading, which explains itself where the pointer rests on it; `level` is drawn as a quiet line to compare with.
 ///
 /// The names stand in the `corner` where the curves are not.
 pub(crate) fn curves_ui(
     ui: &mut Ui,
-    heading: &str,
+    (heading, about): (&str, &str),
     curves: &[Curve<'_>],
     level: Option<(&str, f64)>,
     corner: Corner,
     height: f32,
 ) {
     let tokens = Tokens::of(ui);
-    ui.horizontal(|ui| ui.label(RichText::new(heading).color(tokens.muted)));
+    ui.horizontal(|ui| ui.label(RichText::new(heading).color(tokens.muted)).on_hover_text(about));
     if curves.iter().all(|curve| curve.points.len() < 2) {
         ui.allocate_ui(eframe::egui::vec2(ui.available_width(), height), |ui| {
             ui.set_min_height(height);

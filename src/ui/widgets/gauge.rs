@@ -1,7 +1,7 @@
 //! Bars and figures that are read at a glance.
 
 use eframe::egui::{
-    Align2, Color32, CornerRadius, FontId, Rect, Role, Sense, Ui, WidgetInfo, lerp, pos2, vec2,
+    Align2, Color32, CornerRadius, FontId, Rect, Response, Role, Sense, Ui, WidgetInfo, lerp, pos2, vec2,
 };
 
 use crate::env::Action;
@@ -73,4 +73,19 @@ pub(crate) fn row_color_ui(ui: &mut Ui, name: &str, value: impl Into<String>, co
     // What is too long for the row is cut at its left, where it is least missed.
     let painter = ui.painter().with_clip_rect(rect.with_min_x(named.right() + 10.0));
     painter.text(rect.right_center(), Align2::RIGHT_CENTER, value, font(), color);
+}
+
+/// A row that can be chosen.
+pub(crate) fn row_button(ui: &mut Ui, name: &str, value: &str, is_chosen: bool) -> Response {
+    let tokens = Tokens::of(ui);
+    let (rect, response) = ui.allocate_exact_size(vec2(ui.available_width(), 24.0), Sense::click());
+    response.widget_info(|| WidgetInfo::selected(Role::Button, true, is_chosen, format!("{name}: {value}")));
+    if is_chosen || response.hovered() || response.has_focus() {
+        let fill = if is_chosen { tokens.here } else { tokens.hovered };
+        ui.painter().rect_filled(rect.expand2(vec2(6.0, 0.0)), CornerRadius::same(4), fill);
+    }
+    let font = || FontId::proportional(13.5);
+    ui.painter().text(rect.left_center(), Align2::LEFT_CENTER, name, font(), tokens.muted);
+    ui.painter().text(rect.right_center(), Align2::RIGHT_CENTER, value, font(), tokens.text);
+    response
 }

@@ -6,3 +6,4 @@ pub(crate) mod field;
 pub(crate) mod gauge;
 pub(crate) mod keycap;
 pub(crate) mod layout;
+pub(crate) mod strip;

@@ -1,0 +1,62 @@
+//! The planner at the wheel of a dream, where the state is known and need not be observed.
+
+use rand::SeedableRng as _;
+use rand_chacha::ChaCha8Rng;
+
+use crate::env::Action;
+use crate::planner::{Plan, PlannerConfig, plan};
+use crate::reward::RewardModel;
+use crate::world_model::{State, WorldModel};
+
+/// Drives for as long as nobody else does.
+#[derive(Debug)]
+pub struct CoDriver {
+    config: PlannerConfig,
+    rng: ChaCha8Rng,
+    plan: Option<Plan>,
+    /// How many actions of the plan were given.
+    step: usize,
+}
+
+impl CoDriver {
+    /// A driver that has no plan yet; `seed` decides its candidates.
+    pub fn new(config: PlannerConfig, seed: u64) -> Self {
+        Self { config, rng: ChaCha8Rng::seed_from_u64(seed), plan: None, step: 0 }
+    }
+
+    /// The action in `state`, by a new plan where the last one is used up.
+    pub fn act(&mut self, model: &WorldModel, reward: &impl RewardModel, state: &State) -> Action {
+        if self.step >= self.config.replan.clamp(1, self.config.horizon) {
+            self.plan = None;
+        }
+        let (config, rng, step) = (&self.config, &mut self.rng, &mut self.step);
+        let plan = self.plan.get_or_insert_with(|| {
+            *step = 0;
+            plan(model, reward, state, config, rng)
+        });
+        *step += 1;
+        plan.best().actions[*step - 1]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::reward::{RewardConfig, RewardEnsemble};
+    use crate::world_model::{LatentState, WorldModelConfig, untrained};
+
+    #[test]
+    fn it_drives_the_best_plan_and_makes_a_new_one_after_four_steps() {
+        let rng = &mut ChaCha8Rng::seed_from_u64(0);
+        let model = untrained(&WorldModelConfig::tiny(), rng);
+        let reward = RewardEnsemble::new(36, "sha256:0", RewardConfig::tiny(), rng);
+        let state = LatentState { z: vec![0.3; 4], c: vec![0.1; 16], h: vec![0.2; 16] };
+        let (state, config) = (State::from(&state), PlannerConfig::car_racing());
+        let mut driver = CoDriver::new(config.clone(), 9);
+        let driven: Vec<Action> = (0..6).map(|_| driver.act(&model, &reward, &state)).collect();
+        let rng = &mut ChaCha8Rng::seed_from_u64(9);
+        let [first, second] =
+            [(); 2].map(|()| plan(&model, &reward, &state, &config, rng).best().actions.clone());
+        assert_eq!(driven, [&first[..4], &second[..2]].concat());
+    }
+}
