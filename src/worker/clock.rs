@@ -36,21 +36,20 @@ pub(super) struct Clock {
     /// When the next step is due; nothing while the clock stands.
     due: Option<Instant>,
     n_late: usize,
-    /// When the steps of the last second were.
-    recent: VecDeque<Instant>,
+    steps: Rate,
 }
 
 impl Clock {
     /// Lets it go on: the next step is due one step from `now`.
     pub(super) fn start(&mut self, now: Instant) {
         self.due = Some(now + STEP);
-        self.recent.clear();
+        self.steps = Rate::default();
     }
 
     /// Stops it.
     pub(super) fn stop(&mut self) {
         self.due = None;
-        self.recent.clear();
+        self.steps = Rate::default();
     }
 
     /// Whether it goes.
@@ -77,10 +76,7 @@ impl Clock {
             self.n_late += usize::from(now > due + STEP);
             self.due = Some((due + STEP).max(now));
         }
-        self.recent.push_back(now);
-        while self.recent.front().is_some_and(|first| now - *first > RECENT) {
-            self.recent.pop_front();
-        }
+        self.steps.note(now);
     }
 
     /// How long it is to the next step; for ever, where the clock stands.
@@ -95,6 +91,28 @@ impl Clock {
 
     /// Steps a second over the last second.
     pub(super) fn steps_per_sec(&self) -> f32 {
+        self.steps.per_sec()
+    }
+}
+
+/// How often something happens.
+#[derive(Debug, Default)]
+pub(super) struct Rate {
+    /// When it did in the last second.
+    recent: VecDeque<Instant>,
+}
+
+impl Rate {
+    /// Takes note that it happened at `now`.
+    pub(super) fn note(&mut self, now: Instant) {
+        self.recent.push_back(now);
+        while self.recent.front().is_some_and(|first| now - *first > RECENT) {
+            self.recent.pop_front();
+        }
+    }
+
+    /// Times a second over the last second.
+    pub(super) fn per_sec(&self) -> f32 {
         match (self.recent.front(), self.recent.back()) {
             (Some(first), Some(last)) if last > first => {
                 (self.recent.len() - 1) as f32 / (*last - *first).as_secs_f32()

@@ -12,7 +12,7 @@ use crate::planner::{CoDriver, PlannerConfig};
 use crate::reward::{FrozenReward, RewardEnsemble};
 use crate::session::DreamJournal;
 use crate::tensor::Parameters;
-use crate::worker::clock::{Allowance, Beat, Clock, held};
+use crate::worker::clock::{Allowance, Beat, Clock, Rate, held};
 use crate::worker::{DreamerCommand, Latest, LiveAction, LiveView, Report, Reports, Worker, one_thread};
 use crate::world_model::{LatentState, WorldModel};
 
@@ -51,6 +51,7 @@ pub fn dream(
         view,
         clock: Clock::default(),
         drawing: Allowance::default(),
+        pictures: Rate::default(),
         live: None,
     };
     loop {
@@ -73,6 +74,7 @@ struct Dreamer<'a> {
     view: &'a Latest<LiveView>,
     clock: Clock,
     drawing: Allowance,
+    pictures: Rate,
     live: Option<Live>,
 }
 
@@ -158,7 +160,7 @@ impl Dreamer<'_> {
         let (dream, rng) = (Dream::new(start, seed), ChaCha8Rng::seed_from_u64(seed));
         let action = Action::default();
         self.live = Some(Live { dream, rng, journal, is_journal_broken: false, action, co_driver: None });
-        self.clock = Clock::default();
+        (self.clock, self.pictures) = (Clock::default(), Rate::default());
         self.show(Duration::MAX);
         self.clock.start(Instant::now());
     }
@@ -198,16 +200,19 @@ impl Dreamer<'_> {
         let Some(Some(frame)) = self.drawing.spend(time_left, || live.dream.frame(&self.model)) else {
             return;
         };
+        self.pictures.note(Instant::now());
         self.view.put(LiveView {
             frame,
             picture: None,
             step: live.dream.episode().len(),
             action: live.action,
             steps_per_sec: self.clock.steps_per_sec(),
+            pictures_per_sec: self.pictures.per_sec(),
             n_late: self.clock.n_late(),
             is_paused: !self.clock.runs(),
             n_unsafe_marks: live.dream.episode().unsafe_marks.len(),
             is_planned: live.co_driver.is_some(),
+            wheels_off: None,
         });
         self.reports.wake();
     }

@@ -190,6 +190,7 @@ impl Driver<'_> {
             candidates: Arc::clone(&episode.candidates),
             chosen: episode.chosen,
             plan_ms: episode.plan_ms,
+            wheels_off: self.env.truth().wheels_off,
         });
         self.reports.wake();
     }

@@ -93,6 +93,8 @@ pub struct LiveView {
     pub action: Action,
     /// Steps a second over the last second.
     pub steps_per_sec: f32,
+    /// Pictures a second over the last second: steps are never left out, but pictures are where time is short.
+    pub pictures_per_sec: f32,
     /// Steps that came more than a step too late, since the start.
     pub n_late: usize,
     /// Whether the clock stands.
@@ -101,6 +103,8 @@ pub struct LiveView {
     pub n_unsafe_marks: usize,
     /// Whether the planner drives, and not a person.
     pub is_planned: bool,
+    /// How many of the real car's four wheels are off the road now, whatever the environment's latch says.
+    pub wheels_off: Option<u8>,
 }
 
 /// How a dream rides beside the real car.
@@ -192,6 +196,8 @@ pub struct DriveView {
     pub chosen: usize,
     /// How long the latest plan took, in milliseconds.
     pub plan_ms: f32,
+    /// How many of the four wheels are off the road now, whatever the environment's latch says.
+    pub wheels_off: u8,
 }
 
 /// Plays dreams at 50 steps a second, each for [`MAX_STEPS`](crate::env::MAX_STEPS) at the most.

@@ -7,7 +7,7 @@ use std::time::{Instant, SystemTime, UNIX_EPOCH};
 use crate::dataset::{Dataset, DatasetError, EpisodeInfo, Recording, StepRecord};
 use crate::env::{Action, Env, Frame, Seed};
 use crate::planner::PlannerConfig;
-use crate::worker::clock::{Allowance, Beat, Clock, held};
+use crate::worker::clock::{Allowance, Beat, Clock, Rate, held};
 use crate::worker::companion::Companion;
 use crate::worker::{
     BesideView, Latest, LiveAction, LiveView, PICTURE, RecorderCommand, Report, Reports, Worker, one_thread,
@@ -58,6 +58,7 @@ pub fn record(
         beside,
         clock: Clock::default(),
         drawing: Allowance::default(),
+        pictures: Rate::default(),
         companion: Companion::new(planner),
         take: None,
     };
@@ -85,6 +86,7 @@ struct Recorder<'a> {
     clock: Clock,
     /// For drawing the dream beside.
     drawing: Allowance,
+    pictures: Rate,
     companion: Companion,
     take: Option<Take>,
 }
@@ -221,22 +223,25 @@ impl Recorder<'_> {
         Ok(())
     }
 
-    fn show(&self) {
+    fn show(&mut self) {
         let Some(take) = &self.take else { return };
         // The picture for people is costly: it is drawn only for somebody who looks.
         if !self.view.is_empty() && self.clock.runs() {
             return;
         }
+        self.pictures.note(Instant::now());
         self.view.put(LiveView {
             frame: take.frame.clone(),
             picture: Some(picture(self.env.as_ref(), PICTURE)),
             step: take.recording.n_steps(),
             action: take.action,
             steps_per_sec: self.clock.steps_per_sec(),
+            pictures_per_sec: self.pictures.per_sec(),
             n_late: self.clock.n_late(),
             is_paused: !self.clock.runs(),
             n_unsafe_marks: 0,
             is_planned: self.companion.is_driving(),
+            wheels_off: Some(self.env.truth().wheels_off),
         });
         self.reports.wake();
     }

@@ -165,6 +165,7 @@ pub(crate) fn driving() -> DriveView {
         candidates: (0..15).map(candidate).collect(),
         chosen: 6,
         plan_ms: 4.0,
+        wheels_off: 0,
     }
 }
 

@@ -486,10 +486,12 @@ fn view(step: usize) -> LiveView {
         step,
         action: Action::default(),
         steps_per_sec: 50.0,
+        pictures_per_sec: 25.0,
         n_late: 0,
         is_paused: false,
         n_unsafe_marks: 0,
         is_planned: false,
+        wheels_off: None,
     }
 }
 

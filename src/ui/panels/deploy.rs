@@ -13,7 +13,7 @@ use crate::ui::state::State;
 use crate::ui::tokens::{self, GAP};
 use crate::ui::widgets::clip::{Rim, paint_picture, picture_ui};
 use crate::ui::widgets::field::inline_field_ui;
-use crate::ui::widgets::gauge::row_ui;
+use crate::ui::widgets::gauge::{row_ui, wheels_ui};
 use crate::ui::widgets::keycap::{KeyButton, Tone};
 use crate::ui::widgets::layout::{heading, titled_card};
 
@@ -72,6 +72,7 @@ fn car_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
                 row_ui(ui, name, value);
             }
             row_ui(ui, "Latest plan", format!("{:.0} ms", view.plan_ms));
+            wheels_ui(ui, view.wheels_off);
         }
         None => drop(ui.label(tokens::muted(ui, "Not begun."))),
     });

@@ -188,6 +188,9 @@ fn aside_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
         let n_late = live.map_or(0, |live| live.n_late);
         let color = if n_late > 0 { tokens.warn } else { tokens.text };
         row_color_ui(ui, "Late steps", n_late.to_string(), color);
+        let pictures =
+            live.filter(|_| is_on).map_or("–".to_owned(), |live| format!("{:.0}", live.pictures_per_sec));
+        row_ui(ui, "Pictures a second", pictures);
         row_ui(ui, "Unsafe marks", live.map_or(0, |live| live.n_unsafe_marks).to_string());
     });
     kept_ui(ui, state, commands);

@@ -11,7 +11,7 @@ use crate::ui::state::State;
 use crate::ui::tokens::{self, GAP, Tokens};
 use crate::ui::widgets::clip::{Rim, picture_ui};
 use crate::ui::widgets::field::{field_ui, path_ui};
-use crate::ui::widgets::gauge::{action_ui, figure_ui, row_color_ui, row_ui};
+use crate::ui::widgets::gauge::{action_ui, figure_ui, row_color_ui, row_ui, wheels_ui};
 use crate::ui::widgets::keycap::{KeyButton, Tone};
 use crate::ui::widgets::layout::{beside_picture, heading, titled_card, with_side};
 
@@ -116,6 +116,9 @@ fn aside_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
             n_late.to_string(),
             if n_late > 0 { tokens.warn } else { tokens.text },
         );
+        if let Some(n) = live.and_then(|live| live.wheels_off) {
+            wheels_ui(ui, n);
+        }
     });
     titled_card(ui, "Dream and real", |ui| drift_ui(ui, state, commands));
     titled_card(ui, "Where", |ui| {

@@ -63,7 +63,7 @@ pub(crate) fn row_ui(ui: &mut Ui, name: &str, value: impl Into<String>) {
 }
 
 /// The same in a color of its own.
-pub(crate) fn row_color_ui(ui: &mut Ui, name: &str, value: impl Into<String>, color: Color32) {
+pub(crate) fn row_color_ui(ui: &mut Ui, name: &str, value: impl Into<String>, color: Color32) -> Response {
     let tokens = Tokens::of(ui);
     let value = value.into();
     let (rect, response) = ui.allocate_exact_size(vec2(ui.available_width(), 21.0), Sense::hover());
@@ -73,6 +73,17 @@ pub(crate) fn row_color_ui(ui: &mut Ui, name: &str, value: impl Into<String>, co
     // What is too long for the row is cut at its left, where it is least missed.
     let painter = ui.painter().with_clip_rect(rect.with_min_x(named.right() + 10.0));
     painter.text(rect.right_center(), Align2::RIGHT_CENTER, value, font(), color);
+    response
+}
+
+/// How many wheels are off the road at this moment, beside the environment's own flag.
+pub(crate) fn wheels_ui(ui: &mut Ui, n: u8) {
+    let tokens = Tokens::of(ui);
+    let color = if n > 0 { tokens.warn } else { tokens.text };
+    row_color_ui(ui, "Wheels off the road", format!("{n} of 4"), color).on_hover_text(
+        "As the wheels touch it now. The rate of grass counts by the environment's own flag, as the paper does, \
+         which the last wheel to come upon a tile or to leave one sets.",
+    );
 }
 
 /// A row that can be chosen.
