@@ -10,7 +10,7 @@ use crate::env::controls::{ControlConfig, Pad};
 use crate::env::{Action, Frame};
 use crate::evaluation::EpisodeMetrics;
 use crate::query::{DreamId, Justification, Protocol, Query, QueryId, Weights};
-use crate::session::{DreamJournal, Header, Session, SessionStore, UnfinishedDream};
+use crate::session::{Annotators, DreamJournal, Header, Session, SessionStore, UnfinishedDream};
 use crate::tensor::Parameters;
 use crate::ui::beside::Besides;
 use crate::ui::choosing::{Asking, Weighing, is_held_back};
@@ -275,6 +275,8 @@ pub(crate) struct Labeling {
     pub asking: Asking,
     /// What the trainer is asked of that.
     pub weighing: Weighing,
+    /// Who answered about these dreams, as of when that was asked.
+    pub annotators: Option<Annotators>,
     /// What is known of bad dreams.
     pub screen: Screen,
 }
@@ -310,6 +312,7 @@ impl Default for Labeling {
             pace: Pace::default(),
             asking: Asking::default(),
             weighing: Weighing::default(),
+            annotators: None,
             screen: Screen::default(),
         }
     }

@@ -5,7 +5,7 @@ use std::path::Path;
 use dropj::dream::signs::N_SIGNS;
 use dropj::dream::{Rows, Screen};
 use dropj::query::{DreamId, SegmentRef};
-use dropj::session::{AskedQuery, Choice};
+use dropj::session::{Answer, AskedQuery, Choice, Event as SessionEvent, hand_on};
 use dropj::worker::ScreenerCommand;
 
 use super::keys::Memory;
@@ -194,4 +194,29 @@ fn skips_as_hallucinated_are_counted_against_the_screen() {
     change(&mut harness);
     harness.get_by_label("How doubtful pairs are");
     harness.get_by_label_contains("of 1 skipped as hallucinated");
+}
+
+#[test]
+fn those_who_answered_the_same_queries_are_compared() {
+    let dir = tempfile::tempdir().unwrap();
+    let (mut harness, _) = asking(dir.path(), "(again:0)");
+    go(&mut harness, Panel::Label);
+    for key in [Key::A, Key::D, Key::S] {
+        press(&mut harness, key);
+    }
+    let from = harness.state().session().unwrap().dir().to_owned();
+    let mut other = hand_on(&from, &dir.path().join("other"), "ben").unwrap();
+    for (id, safety) in [(0, SafetyAnswer::OnlyLeft), (1, SafetyAnswer::Neither)] {
+        let answer = Answer::new(QueryId(id), Response::Safety(safety), 3.0, "ben");
+        other.record(SessionEvent::Answered(answer)).unwrap();
+    }
+    drop(other);
+    if harness.query_by_label("Compare").is_none() {
+        press(&mut harness, Key::L);
+    }
+    harness.get_by_label("Compare").click();
+    harness.run_steps(3);
+    harness.get_by_label("anonymous and ben");
+    harness.get_by_label_contains("1 of 2 alike");
+    harness.get_by_label_contains("2 answers, 3.0 s each");
 }
