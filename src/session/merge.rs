@@ -1,6 +1,6 @@
 //! Sessions of several people: made apart from the same dreams and queries, and put together again.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 use crate::query::{DreamId, QueryId, SegmentRef, Weights};
@@ -28,7 +28,24 @@ pub fn merge(dirs: &[PathBuf], out: &Path) -> Result<SessionStore, SessionError>
     for (reading, dir) in readings.iter().zip(dirs) {
         append(&mut merged, reading, dir)?;
     }
+    let in_use: BTreeSet<&str> = readings.iter().flat_map(|reading| hashes(reading, false)).collect();
+    let dropped: BTreeSet<&str> = readings.iter().flat_map(|reading| hashes(reading, true)).collect();
+    drop_dreams(&mut merged, |hash| dropped.contains(hash) && !in_use.contains(hash))?;
     Ok(merged)
+}
+
+/// The hashes of the dreams that were deleted from a session, or that were not.
+fn hashes(reading: &Reading, dropped: bool) -> impl Iterator<Item = &str> {
+    let dreams = reading.session.dreams().iter();
+    let wanted = dreams.filter(move |kept| reading.session.is_dropped(kept.dream) == dropped);
+    wanted.map(|kept| kept.sha256.as_str())
+}
+
+/// Deletes the dreams whose hashes are `unwanted`.
+fn drop_dreams(store: &mut SessionStore, unwanted: impl Fn(&str) -> bool) -> Result<(), SessionError> {
+    let dreams = store.session().dreams().iter().filter(|kept| unwanted(&kept.sha256));
+    let dreams: Vec<_> = dreams.map(|kept| kept.dream).collect();
+    dreams.into_iter().try_for_each(|dream| store.record(Event::DreamDropped { dream }))
 }
 
 /// A session in `out` with the dreams of the one in `dir` and all queries that were answered there, but no answer: for
@@ -44,12 +61,14 @@ pub fn hand_on(dir: &Path, out: &Path, annotator: &str) -> Result<SessionStore, 
         let bytes = store::read_hashed(&dir.join(&kept.file), &kept.sha256)?;
         handed.copy_dream(kept, &bytes, store::now())?;
     }
-    let asked = reading.session.queries().iter();
+    let asked = reading.session.queries().iter().filter(|asked| reading.session.is_in_use(asked));
     for asked in asked.filter(|asked| asked.repeats().is_none() && asked.answer().is_some()) {
         let query = handed.session().next_query_id();
         let (left, right, choice) = (asked.query.left, asked.query.right, asked.choice);
         handed.record(Event::Asked { query, left, right, choice })?;
     }
+    let dropped: BTreeSet<&str> = hashes(&reading, true).collect();
+    drop_dreams(&mut handed, |hash| dropped.contains(hash))?;
     Ok(handed)
 }
 
@@ -118,7 +137,11 @@ fn append(merged: &mut SessionStore, reading: &Reading, dir: &Path) -> Result<()
             Event::Flagged { query } => Event::Flagged { query: on(query) },
             Event::Unflagged { query } => Event::Unflagged { query: on(query) },
             event @ (Event::ProtocolChanged { .. } | Event::ScreenChanged { .. }) => event,
-            Event::WeightsChanged { .. } | Event::Fitted { .. } => continue,
+            // Which dreams are in use is known once all sessions are together.
+            Event::DreamDropped { .. }
+            | Event::DreamRestored { .. }
+            | Event::WeightsChanged { .. }
+            | Event::Fitted { .. } => continue,
         };
         merged.record_at(event, entry.at)?;
     }

@@ -226,7 +226,7 @@ impl Session {
     }
 
     /// Whether both clips of a query are of dreams in use.
-    fn is_in_use(&self, asked: &AskedQuery) -> bool {
+    pub(crate) fn is_in_use(&self, asked: &AskedQuery) -> bool {
         ![asked.query.left, asked.query.right].iter().any(|segment| self.is_dropped(segment.dream))
     }
 
@@ -308,9 +308,10 @@ impl Session {
         self.held_back
     }
 
-    /// The steps that drivers marked as unsafe.
+    /// The steps of dreams in use that drivers marked as unsafe.
     pub fn marks(&self) -> Vec<(DreamId, usize)> {
-        let marks = self.dreams.iter().flat_map(|kept| kept.marks.iter().map(|mark| (kept.dream, *mark)));
+        let in_use = self.dreams.iter().filter(|kept| !self.is_dropped(kept.dream));
+        let marks = in_use.flat_map(|kept| kept.marks.iter().map(|mark| (kept.dream, *mark)));
         marks.collect()
     }
 
