@@ -14,7 +14,8 @@ use dropj::query::{
 };
 use dropj::reward::{RewardConfig, RewardEnsemble, SegmentPair, Trainer, segment_rows};
 use dropj::session::{
-    Answer, Choice, DreamSource, Event, FORMAT, Fit, Header, SessionError, SessionStore, recent, replay,
+    Annotators, Answer, Choice, DreamSource, Event, FORMAT, Fit, Header, SessionError, SessionStore, hand_on,
+    merge, recent, replay,
 };
 use dropj::tensor::Parameters;
 use dropj::world_model::{LatentState, WorldModel, WorldModelConfig, untrained};
@@ -322,7 +323,7 @@ fn a_session_of_the_first_format_goes_on_in_this_one() {
     let path = dir.path().join("s");
     drop(SessionStore::create(&path, header(&model)).unwrap());
     let head = std::fs::read_to_string(path.join("session.json")).unwrap();
-    std::fs::write(path.join("session.json"), head.replace("\"format\": 2", "\"format\": 1")).unwrap();
+    std::fs::write(path.join("session.json"), head.replace("\"format\": 4", "\"format\": 1")).unwrap();
     assert_eq!(Header::read(&path).unwrap().format, 1);
     let mut store = SessionStore::open(&path, None).unwrap();
     store.record(Event::ProtocolChanged { protocol: Protocol::Drop }).unwrap();
@@ -340,6 +341,62 @@ fn parameters_come_back_as_they_went() {
         assert_eq!(store.reward().unwrap().as_ref().map(Parameters::hash), Some(parameters.hash()));
     }
     assert_eq!(store.session().fits()[1].file, "reward/0001.safetensors");
+}
+
+#[test]
+fn sessions_of_two_annotators_are_made_from_the_same_queries_and_put_together_again() {
+    let (dir, model) = (tempfile::tempdir().unwrap(), model(1));
+    let [anna, ben, both] = ["anna", "ben", "both"].map(|name| dir.path().join(name));
+    let mut first = small(&anna, &model);
+    first.record(Event::ProtocolChanged { protocol: Protocol::Drop }).unwrap();
+    first.save_world_model(&model).unwrap();
+    let asked: Vec<_> = first.session().queries().iter().map(|asked| asked.query).collect();
+    drop(first);
+
+    let mut second = hand_on(&anna, &ben, "ben").unwrap();
+    assert_eq!(second.header().config.annotator, "ben");
+    assert_eq!(second.header().protocol, Protocol::Drop, "the questions asked last");
+    let handed: Vec<_> = second.session().pending().map(|pending| pending.query).collect();
+    assert_eq!(handed, asked[..3], "what was answered or skipped");
+    second.record(Event::ProtocolChanged { protocol: Protocol::Dropj }).unwrap();
+    for (query, safety) in [(0, SafetyAnswer::OnlyRight), (1, SafetyAnswer::Both(Preference::Right))] {
+        let answer = Answer::new(QueryId(query), Response::Safety(safety), 3.0, "ben");
+        second.record(Event::Answered(answer)).unwrap();
+    }
+    let mut own = dream(&model, 33, 9);
+    own.unsafe_marks.clear();
+    let own = second.save_dream(&own, DreamSource::User).unwrap();
+    let segment = |start| SegmentRef { dream: own, start };
+    let query = second.session().next_query_id();
+    let asked_own = Event::Asked { query, left: segment(0), right: segment(9), choice: Choice::Uniform };
+    second.record(asked_own).unwrap();
+    let agreed =
+        Annotators::of(&[(None, &SessionStore::read_reward(&anna).unwrap().0), (None, second.session())]);
+    assert_eq!((agreed.pairs[0].1.n, agreed.pairs[0].1.n_same, agreed.pairs[0].1.n_critical), (2, 1, 1));
+    drop(second);
+
+    let merged = merge(&[anna.clone(), ben.clone()], &both).unwrap();
+    let session = merged.session();
+    assert_eq!(session.dreams().len(), 3, "two in common, and one of ben's own");
+    assert_eq!(merged.dream(DreamId(2)).unwrap().len(), 33);
+    assert_eq!((session.queries().len(), session.labeled().len()), (4 + 4, 2 + 2));
+    assert_eq!(session.queries()[7].query.left, SegmentRef { dream: DreamId(2), start: 0 });
+    assert_eq!(session.annotators().values().sum::<usize>(), 5);
+    assert_eq!(merged.world_model().unwrap().hash(), model.hash(), "it is still found");
+    assert_eq!(
+        SessionStore::open(&anna, None).unwrap().session().queries().len(),
+        4,
+        "nothing is taken away"
+    );
+    drop(merged);
+    assert_eq!(replay(&both, &model).unwrap().session.labeled().len(), 4);
+
+    let foreign = dir.path().join("foreign");
+    let other = self::model(2);
+    drop(small(&foreign, &other));
+    let refused = merge(&[anna, foreign], &dir.path().join("none")).unwrap_err().to_string();
+    assert!(refused.contains("different world models"), "{refused}");
+    assert!(!dir.path().join("none").exists(), "and nothing is begun");
 }
 
 /// Names the folder in which [`answers_until_it_is_killed`] works, when it is the child of another test.

@@ -2,6 +2,7 @@
 #![expect(clippy::print_stdout, reason = "the command line speaks on standard output")]
 #![expect(clippy::print_stderr, reason = "and of its progress on standard error")]
 
+mod agree;
 mod check_reward;
 mod check_world;
 mod compare;
@@ -12,6 +13,7 @@ mod models;
 mod record;
 mod refit;
 mod replay;
+mod screen;
 mod simulate;
 mod trace;
 mod window;
@@ -54,6 +56,14 @@ enum Command {
     Compare(compare::Options),
     /// Go through a session again from its files
     Replay(replay::Options),
+    /// Say how well bad dreams can be told before anybody skips them, on sessions in which some were skipped
+    Screen(screen::Options),
+    /// Say who answered, how fast and how steadily, and how far they agree
+    Agree(agree::Options),
+    /// Put the sessions of several annotators together
+    Merge(agree::MergeOptions),
+    /// Make a session with another's dreams and queries, for a second annotator to answer
+    HandOn(agree::HandOnOptions),
     /// Print an episode step by step, in the columns of the reference traces
     Trace(trace::Options),
 }
@@ -150,6 +160,10 @@ pub(crate) fn run(cli: Cli) -> anyhow::Result<()> {
         Some(Command::Deploy(options)) => deploy::run(&options),
         Some(Command::Compare(options)) => compare::run(&options),
         Some(Command::Replay(options)) => replay::run(&options),
+        Some(Command::Screen(options)) => screen::run(&options),
+        Some(Command::Agree(options)) => agree::run(&options),
+        Some(Command::Merge(options)) => agree::run_merge(&options),
+        Some(Command::HandOn(options)) => agree::run_hand_on(&options),
         Some(Command::Trace(options)) => trace::run(&options),
     }
 }

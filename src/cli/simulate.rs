@@ -1,13 +1,13 @@
 //! `dropj simulate`.
 
 use std::ops::ControlFlow;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::time::Instant;
 
 use anyhow::Context as _;
 use dropj::query::{Justifications, Protocol, Query, Strategy};
 use dropj::reward::RewardConfig;
-use dropj::session::{Answer, DreamSource, Event, Header, SessionStore, now};
+use dropj::session::{Answer, DreamSource, Event, Header, SessionStore, now, relative};
 use dropj::simulate::annotator::Annotator;
 use dropj::simulate::run::{Answered, Progress, SimulateConfig, simulate};
 
@@ -224,13 +224,4 @@ fn record(
     }
     store.record(answer)?;
     Ok(())
-}
-
-/// The way from the folder `from` to the file `to`, where both lie below the same folder.
-fn relative(from: &Path, to: &Path) -> Option<String> {
-    let (from, to) = (std::path::absolute(from).ok()?, std::path::absolute(to).ok()?);
-    let n_shared = from.components().zip(to.components()).take_while(|(a, b)| a == b).count();
-    let up = from.components().skip(n_shared).map(|_| std::path::Component::ParentDir);
-    let way: PathBuf = up.chain(to.components().skip(n_shared)).collect();
-    way.to_str().map(str::to_owned)
 }

@@ -2,6 +2,9 @@
 //!
 //! A dream holds no randomness of its own: its noise comes from the generator that its caller gives it.
 
+pub mod screen;
+pub mod signs;
+
 use std::ops::Range;
 
 use rand::Rng;
@@ -10,6 +13,8 @@ use crate::env::{Action, Frame};
 use crate::query::SEGMENT_LEN;
 use crate::tensor::{from_slice, to_vec};
 use crate::world_model::{LatentState, Next, Noise, State, WorldModel, actions_tensor};
+
+pub use screen::Screen;
 
 /// τ in dreams: the mixture as it is (paper, Table 4).
 pub const TEMPERATURE: f64 = 1.0;

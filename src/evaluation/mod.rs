@@ -5,6 +5,7 @@
 pub mod agreement;
 pub mod fidelity;
 pub mod metrics;
+pub mod ranking;
 pub mod significance;
 pub mod table;
 
@@ -18,8 +19,9 @@ use crate::world_model::WorldModel;
 
 pub use agreement::{Agreement, kappa};
 pub use metrics::{EpisodeMetrics, MeanSd, Summary, Tally};
+pub use ranking::auc;
 pub use significance::{Dunn, KruskalWallis, dunn, kruskal_wallis};
-pub use table::table;
+pub use table::{aligned, table};
 
 /// Which track each episode has: that of the seed plus its number, whatever the method.
 ///

@@ -42,10 +42,16 @@ pub fn table(methods: &[(&str, Summary)]) -> String {
         }));
         lines.push(cells);
     }
+    aligned(&lines)
+}
+
+/// Lines of as many cells each, the first cell at the left and the others at the right of their columns.
+pub fn aligned(lines: &[Vec<String>]) -> String {
+    let n_columns = lines.first().map_or(0, Vec::len);
     let widest = |column: usize| lines.iter().map(|cells| cells[column].chars().count()).max().unwrap_or(0);
-    let widths: Vec<_> = (0..lines[0].len()).map(widest).collect();
+    let widths: Vec<_> = (0..n_columns).map(widest).collect();
     let mut text = String::new();
-    for cells in &lines {
+    for cells in lines {
         write!(text, "{:<1$}", cells[0], widths[0]).ok();
         for (cell, &width) in cells.iter().zip(&widths).skip(1) {
             write!(text, "  {cell:>width$}").ok();

@@ -41,7 +41,10 @@ impl Session {
                 Err(Impossible::NotRetracted(*query))
             }
             Event::Retracted { query } | Event::Restored { query } => self.check_shown(*query),
-            Event::ProtocolChanged { .. } | Event::DreamRestored { .. } => Ok(()),
+            Event::ScreenChanged { held_back } if *held_back > 100 => Err(Impossible::Share(*held_back)),
+            Event::ProtocolChanged { .. } | Event::DreamRestored { .. } | Event::ScreenChanged { .. } => {
+                Ok(())
+            }
             Event::Flagged { query } | Event::Unflagged { query } => self.asked(*query).map(drop),
             Event::WeightsChanged { weights } => {
                 let names = |weights: &Weights| -> Vec<String> {

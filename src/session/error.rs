@@ -105,6 +105,9 @@ pub enum Impossible {
     /// The justifications changed, so that old answers would mean something else.
     #[error("the justifications must stay as they are: only their weights can change")]
     Justifications,
+    /// More is held back than there is.
+    #[error("{0} of a hundred pairs cannot be held back")]
+    Share(u8),
     /// A number is infinite or none, or negative where it cannot be.
     #[error("{0} must be a number, and cannot be negative")]
     Number(&'static str),
@@ -138,6 +141,17 @@ pub enum SessionError {
     #[error("cannot make a session where there is something already: {path:?}")]
     Exists {
         /// Where.
+        path: PathBuf,
+    },
+    /// No session was given.
+    #[error("there are no sessions to put together")]
+    NothingToMerge,
+    /// Two sessions are about different things.
+    #[error("cannot put together sessions of different {what}s: the first has another than {path:?}")]
+    Unlike {
+        /// What is not the same.
+        what: &'static str,
+        /// The session that differs.
         path: PathBuf,
     },
     /// Another program has the session open.

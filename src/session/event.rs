@@ -39,6 +39,11 @@ pub enum Event {
         /// Which.
         protocol: Protocol,
     },
+    /// From here on the most doubtful pairs are held back, see [`Screen`](crate::dream::Screen).
+    ScreenChanged {
+        /// How many of a hundred.
+        held_back: u8,
+    },
     /// A query was answered or skipped; an earlier answer to it no longer counts.
     Answered(Answer),
     /// It was said why a query was skipped: a part of that answer, and no other one.
@@ -299,6 +304,7 @@ mod tests {
             Event::DreamKept(KeptDream { planned: 120, ..kept }),
             Event::DreamDropped { dream: DreamId(0) },
             Event::DreamRestored { dream: DreamId(0) },
+            Event::ScreenChanged { held_back: 10 },
         ]
     }
 
@@ -329,6 +335,7 @@ mod tests {
         {"event":"dream_kept","dream":0,"len":640,"seed":18446744073709551615,"marks":[412,413],"source":"user","planned":120,"file":"dreams/0000.safetensors","sha256":"sha256:00","seq":16,"at":1795342500000}
         {"event":"dream_dropped","dream":0,"seq":17,"at":1795342500000}
         {"event":"dream_restored","dream":0,"seq":18,"at":1795342500000}
+        {"event":"screen_changed","held_back":10,"seq":19,"at":1795342500000}
         "#);
     }
 

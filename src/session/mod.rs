@@ -14,6 +14,7 @@
 //! ```
 
 pub mod again;
+pub mod annotators;
 pub mod arrays;
 mod check;
 pub mod error;
@@ -22,6 +23,7 @@ pub mod export;
 pub mod header;
 pub mod journal;
 pub mod log;
+pub mod merge;
 mod look;
 pub mod recent;
 pub mod replay;
@@ -30,13 +32,17 @@ pub mod store;
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use crate::query::{DreamId, LabeledQuery, Protocol, Query, QueryId, Response, Weights};
+use crate::query::{
+    DreamId, LabeledQuery, Protocol, Query, QueryId, Response, SegmentRef, SkipReason, Weights,
+};
 
+pub use annotators::{AnnotatorReport, Annotators, share_dreams};
 pub use error::{Impossible, SessionError};
 pub use event::{Answer, Choice, DreamSource, Entry, Event, Fit, KeptDream};
 pub use header::{Config, FORMAT, Header};
 pub use journal::{DreamJournal, UnfinishedDream};
 pub use look::{Look, Looks};
+pub use merge::{hand_on, merge, relative};
 pub use recent::{Recent, recent};
 pub use replay::{REFIT_TOLERANCE, Replay, ReplayedFit, replay};
 pub use statistics::Statistics;
@@ -98,6 +104,7 @@ pub struct Session {
     dropped: BTreeSet<DreamId>,
     queries: Vec<AskedQuery>,
     fits: Vec<FittedReward>,
+    held_back: u8,
     n_entries: u64,
     last_at: Option<u64>,
     /// Seconds spent with queries by each annotator, at most [`statistics::IDLE_SECS`] with each.
@@ -114,6 +121,7 @@ impl Session {
             dropped: BTreeSet::new(),
             queries: Vec::new(),
             fits: Vec::new(),
+            held_back: 0,
             n_entries: 0,
             last_at: None,
             active_secs: BTreeMap::new(),
@@ -156,6 +164,7 @@ impl Session {
                 skip.expect("it was skipped").answer.response = Response::Skipped(Some(reason));
             }
             Event::ProtocolChanged { protocol } => self.protocol = *protocol,
+            Event::ScreenChanged { held_back } => self.held_back = *held_back,
             Event::Retracted { query } => {
                 let asked = &mut self.queries[query.0 as usize];
                 asked.retracted.extend(asked.given.pop());
@@ -217,7 +226,7 @@ impl Session {
     }
 
     /// Whether both clips of a query are of dreams in use.
-    fn is_in_use(&self, asked: &AskedQuery) -> bool {
+    pub(crate) fn is_in_use(&self, asked: &AskedQuery) -> bool {
         ![asked.query.left, asked.query.right].iter().any(|segment| self.is_dropped(segment.dream))
     }
 
@@ -280,9 +289,29 @@ impl Session {
         Some(LabeledQuery { query: asked.query, label })
     }
 
-    /// The steps that drivers marked as unsafe.
+    /// The pairs that were judged, and whether they were skipped because they did not look like the world.
+    ///
+    /// A skip without a reason may be anything, and is left out.
+    pub fn judged(&self) -> Vec<([SegmentRef; 2], bool)> {
+        let judged = self.queries.iter().filter_map(|asked| {
+            let is_bad = match asked.answer()?.answer.response {
+                Response::Skipped(None | Some(SkipReason::Other)) => return None,
+                response => response == Response::Skipped(Some(SkipReason::Hallucinated)),
+            };
+            Some(([asked.query.left, asked.query.right], is_bad))
+        });
+        judged.collect()
+    }
+
+    /// How many of a hundred pairs are held back for being the most doubtful.
+    pub fn held_back(&self) -> u8 {
+        self.held_back
+    }
+
+    /// The steps of dreams in use that drivers marked as unsafe.
     pub fn marks(&self) -> Vec<(DreamId, usize)> {
-        let marks = self.dreams.iter().flat_map(|kept| kept.marks.iter().map(|mark| (kept.dream, *mark)));
+        let in_use = self.dreams.iter().filter(|kept| !self.is_dropped(kept.dream));
+        let marks = in_use.flat_map(|kept| kept.marks.iter().map(|mark| (kept.dream, *mark)));
         marks.collect()
     }
 
@@ -299,6 +328,11 @@ impl Session {
     /// When something last happened, in milliseconds since 1970.
     pub fn last_at(&self) -> Option<u64> {
         self.last_at
+    }
+
+    /// Seconds spent with queries by each annotator, at most a minute with each.
+    pub fn active_secs(&self) -> impl Iterator<Item = (&str, f32)> {
+        self.active_secs.iter().map(|(annotator, secs)| (annotator.as_str(), *secs))
     }
 
     /// How the answering goes.

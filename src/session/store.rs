@@ -100,7 +100,7 @@ impl SessionStore {
         episode.unsafe_marks.retain(|mark| *mark < len);
         episode.unsafe_marks.sort_unstable();
         episode.unsafe_marks.dedup();
-        let file = format!("{DREAMS}/{:04}.safetensors", dream.0);
+        let file = dream_file(dream);
         let bytes = arrays::dream_to_bytes(&episode);
         self.write(&file, &bytes, "save a dream")?;
         let planned = episode.n_planned();
@@ -222,7 +222,7 @@ impl SessionStore {
         self.torn.as_deref()
     }
 
-    fn write(&self, file: &str, bytes: &[u8], tried: &'static str) -> Result<(), SessionError> {
+    pub(super) fn write(&self, file: &str, bytes: &[u8], tried: &'static str) -> Result<(), SessionError> {
         let path = self.dir.join(file);
         if let Some(folder) = path.parent() {
             std::fs::create_dir_all(folder).map_err(SessionError::disk(tried, folder))?;
@@ -301,7 +301,7 @@ fn world_model(dir: &Path, header: &Header) -> Result<WorldModel, SessionError> 
     WorldModel::load(parameters).map_err(|met| SessionError::WorldModel { met, path })
 }
 
-fn world_model_path(dir: &Path, header: &Header) -> Option<PathBuf> {
+pub(super) fn world_model_path(dir: &Path, header: &Header) -> Option<PathBuf> {
     let hinted = header.world_model_path.as_ref().map(|hint| dir.join(hint));
     [Some(dir.join(WORLD_MODEL_FILE)), hinted].into_iter().flatten().find(|path| path.exists())
 }
@@ -310,9 +310,14 @@ fn parameters(bytes: Vec<u8>, path: &Path) -> Result<Parameters, SessionError> {
     Parameters::from_bytes(bytes).map_err(|met| SessionError::Parameters { met, path: path.to_owned() })
 }
 
-fn read_hashed(path: &Path, hash: &str) -> Result<Vec<u8>, SessionError> {
+pub(super) fn read_hashed(path: &Path, hash: &str) -> Result<Vec<u8>, SessionError> {
     let bytes = std::fs::read(path).map_err(SessionError::disk("read a file of the session", path))?;
     if sha256(&bytes) == hash { Ok(bytes) } else { Err(SessionError::Changed { path: path.to_owned() }) }
+}
+
+/// The file of a dream, from the session's folder.
+pub(super) fn dream_file(dream: DreamId) -> String {
+    format!("{DREAMS}/{:04}.safetensors", dream.0)
 }
 
 /// Milliseconds since 1970.

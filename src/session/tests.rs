@@ -249,6 +249,7 @@ fn what_cannot_have_happened_is_refused_and_changes_nothing() {
         (restored(0), Impossible::NotRetracted(query)),
         (Event::SkipExplained { query, reason: SkipReason::Other }, Impossible::NotSkipped(query)),
         (weights(0.3), Impossible::Weight { name: "safety", weight: 0.3 }),
+        (Event::ScreenChanged { held_back: 101 }, Impossible::Share(101)),
         (fit(0, f32::NAN), Impossible::Number("a loss")),
         (fit(3, 0.1), Impossible::Future { after: 3, n_lines: 2 }),
     ] {

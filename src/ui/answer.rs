@@ -1,8 +1,9 @@
 //! What is done with queries: asking, answering, and taking back.
 
-use crate::query::{Preference, Protocol, QueryId, Response, SEGMENT_LEN, SafetyAnswer, SkipReason};
+use crate::query::{Preference, Protocol, Query, QueryId, Response, SEGMENT_LEN, SafetyAnswer, SkipReason};
 use crate::session::{Answer, Event, Session};
 use crate::ui::App;
+use crate::ui::choosing::is_held_back;
 use crate::ui::command::{Command, Field};
 use crate::ui::crew::Order;
 use crate::worker::{ClipperCommand, TrainerCommand};
@@ -26,6 +27,7 @@ impl App {
             Command::GuidedSafe(is_safe) => self.answer_guided(is_safe),
             Command::Guide(is_guided) => (label.is_guided, label.guided) = (is_guided, Vec::new()),
             Command::ToggleAnswers => label.is_list_open = !label.is_list_open,
+            Command::CompareAnnotators => self.compare_annotators(),
             Command::Ask(asking) => label.asking = asking.clamped(),
             Command::Justify(justification) => label.justification = Some(justification),
             Command::GiveReason(reason) => self.give_reason(reason),
@@ -78,6 +80,9 @@ impl App {
         let label = &mut self.state.label;
         label.said = Some(said);
         label.skipped = matches!(response, Response::Skipped(None)).then_some(query);
+        if matches!(response, Response::Skipped(Some(_))) {
+            self.learn_doubt();
+        }
         self.next_query(None);
         self.teach(query);
     }
@@ -122,6 +127,7 @@ impl App {
         if !self.record(Event::SkipExplained { query, reason }) {
             return;
         }
+        self.learn_doubt();
         let why = match reason {
             SkipReason::Hallucinated => "the dream does not look like the world",
             SkipReason::Ambiguous => "the clips cannot be told apart",
@@ -176,8 +182,10 @@ impl App {
     /// Draws queries and has their clips drawn before they are needed.
     pub(super) fn ask(&mut self) {
         while self.state.now >= self.state.label.ask_again_at {
-            let n_waiting = self.state.upcoming().len();
-            if n_waiting >= N_AHEAD {
+            // Those that are held back come last, so others are drawn before them.
+            let is_good = |query: &&Query| !is_held_back(&self.state, query);
+            let n_waiting = self.state.upcoming().iter().filter(is_good).count();
+            if n_waiting >= N_AHEAD || !self.note_screen() {
                 break;
             }
             let Some(([left, right], choice)) = self.choose(n_waiting) else { break };

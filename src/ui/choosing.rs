@@ -6,9 +6,10 @@ use rand::{RngExt as _, SeedableRng as _};
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 
+use crate::dream::Rows;
 use crate::query::strategy::{N_CANDIDATES, sample_near_mark, sample_pair};
-use crate::query::{DreamId, Mix, SegmentRef, Strategy};
-use crate::session::Choice;
+use crate::query::{DreamId, Mix, Query, SegmentRef, Strategy};
+use crate::session::{Choice, Event, Session};
 use crate::ui::App;
 use crate::ui::crew::Order;
 use crate::ui::state::State;
@@ -19,6 +20,11 @@ const N_PATIENT: usize = 2;
 /// At most so many queries of a hundred are asked again.
 pub(super) const MOST_AGAIN: u8 = 30;
 
+/// At most so many pairs of a hundred are held back.
+pub(super) const MOST_HELD_BACK: u8 = 60;
+/// So often another pair is drawn where one is held back; the least doubtful of them is asked.
+const N_TRIES: usize = 20;
+
 /// What is asked about.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
@@ -27,11 +33,13 @@ pub struct Asking {
     pub mix: Mix,
     /// How many queries of a hundred are ones that were answered before.
     pub again: u8,
+    /// How many pairs of a hundred are held back for being the most doubtful.
+    pub held_back: u8,
 }
 
 impl Default for Asking {
     fn default() -> Self {
-        Self { mix: Mix::default(), again: 5 }
+        Self { mix: Mix::default(), again: 5, held_back: 0 }
     }
 }
 
@@ -39,7 +47,13 @@ impl Asking {
     /// The same, with nothing out of range.
     #[must_use]
     pub(super) fn clamped(self) -> Self {
-        Self { mix: self.mix.clamped(), again: self.again.min(MOST_AGAIN) }
+        let (again, held_back) = (self.again.min(MOST_AGAIN), self.held_back.min(MOST_HELD_BACK));
+        Self { mix: self.mix.clamped(), again, held_back }
+    }
+
+    /// The share of pairs that is held back, in `[0, 1]`.
+    pub(super) fn share_held_back(self) -> f32 {
+        f32::from(self.held_back) / 100.0
     }
 }
 
@@ -69,7 +83,6 @@ impl App {
         let mut rng = ChaCha8Rng::seed_from_u64(store.header().seed);
         rng.set_stream(u64::from(session.next_query_id().0));
         let asking = self.state.label.asking;
-        let by_chance = sample_pair(&dreams, &mut rng)?;
         let (is_again, strategy) = (rng.random_range(0..100) < asking.again, asking.mix.draw(&mut rng));
         if is_again {
             let mut known = session.repeatable(&self.annotator());
@@ -84,28 +97,54 @@ impl App {
                 return Some(([query.right, query.left], Choice::Again(id)));
             }
         }
-        let by_chance = (by_chance, Choice::Uniform);
+        let screened = |rng: &mut ChaCha8Rng, draw: &Draw<'_>| screened(&self.state, rng, draw);
+        let any: &Draw<'_> = &|rng| sample_pair(&dreams, rng);
+        let by_chance = (screened(&mut rng, any)?, Choice::Uniform);
         match strategy {
             Strategy::Uniform => Some(by_chance),
             Strategy::SafetyBoundary => {
-                let near = sample_near_mark(&dreams, &session.marks(), &mut rng);
+                let marks = session.marks();
+                let near = screened(&mut rng, &|rng| sample_near_mark(&dreams, &marks, rng));
                 Some(near.map_or(by_chance, |pair| (pair, Choice::SafetyBoundary)))
             }
             Strategy::Disagreement if self.state.reward.parameters.is_none() => Some(by_chance),
             Strategy::Disagreement => {
+                let pairs: Vec<_> = (0..N_CANDIDATES).filter_map(|_| screened(&mut rng, any)).collect();
                 let weighing = &mut self.state.label.weighing;
                 if let Some(chosen) = weighing.chosen.take() {
                     return Some(chosen);
                 }
                 if weighing.sent.is_none() {
-                    let pairs: Vec<_> =
-                        (0..N_CANDIDATES).filter_map(|_| sample_pair(&dreams, &mut rng)).collect();
                     weighing.sent = Some(pairs.clone());
                     self.crew.send(Order::Trainer(TrainerCommand::Weigh(pairs)));
                 }
                 (n_waiting < N_PATIENT).then_some(by_chance)
             }
         }
+    }
+
+    /// Writes down what is held back from here on, before anything is asked so.
+    pub(super) fn note_screen(&mut self) -> bool {
+        let held_back = self.state.label.asking.held_back;
+        let is_noted = self.state.session().is_none_or(|session| session.held_back() == held_back);
+        is_noted || self.record(Event::ScreenChanged { held_back })
+    }
+
+    /// Takes in the signs of a dream.
+    pub(super) fn signs_found(&mut self, dream: DreamId, seed: u64, signs: &Rows) {
+        let Some(session) = self.state.session() else { return };
+        // That of a session before this one has another seed.
+        let kept = session.dreams().get(dream.0 as usize);
+        if kept.is_some_and(|kept| kept.seed == seed && kept.len == signs.len()) {
+            self.state.label.screen.know(dream, signs);
+            self.learn_doubt();
+        }
+    }
+
+    /// Learns what is doubtful from what was skipped so far.
+    pub(super) fn learn_doubt(&mut self) {
+        let Some(judged) = self.state.session().map(Session::judged) else { return };
+        self.state.label.screen.learn(&judged);
     }
 
     /// Takes in what the trainer says of `pairs`: the one that is disagreed about most, or any where nothing is known.
@@ -120,6 +159,31 @@ impl App {
         let choice = if most.is_some() { Choice::Disagreement } else { Choice::Uniform };
         weighing.chosen = pairs.get(most.unwrap_or(0)).map(|pair| (*pair, choice));
     }
+}
+
+/// Draws a pair, if there is one.
+type Draw<'a> = dyn Fn(&mut ChaCha8Rng) -> Option<[SegmentRef; 2]> + 'a;
+
+/// A pair that is not held back; where all are, the least doubtful of twenty.
+fn screened(state: &State, rng: &mut ChaCha8Rng, draw: &Draw<'_>) -> Option<[SegmentRef; 2]> {
+    let (screen, share) = (&state.label.screen, state.label.asking.share_held_back());
+    let mut best = draw(rng)?;
+    for _ in 1..N_TRIES {
+        if !screen.holds_back(best, share) {
+            break;
+        }
+        let other = draw(rng)?;
+        if screen.doubt(other) < screen.doubt(best) {
+            best = other;
+        }
+    }
+    Some(best)
+}
+
+/// Whether a query that was drawn already is to be asked last.
+pub(super) fn is_held_back(state: &State, query: &Query) -> bool {
+    let label = &state.label;
+    label.screen.holds_back([query.left, query.right], label.asking.share_held_back())
 }
 
 /// What stands in the way of asking as was chosen, in sentences.

@@ -182,6 +182,8 @@ pub enum Command {
     Guide(bool),
     /// Opens or closes the list of answers.
     ToggleAnswers,
+    /// Compares all who answered about the dreams of this session.
+    CompareAnnotators,
     /// Chooses what is asked about.
     Ask(Asking),
     /// Names the justification that the next preference rests on.

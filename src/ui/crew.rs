@@ -6,8 +6,8 @@ use crate::reward::RewardConfig;
 use crate::tensor::Parameters;
 use crate::worker::{
     BesideView, ClipperCommand, Dismissed, DreamerCommand, DriveView, DriverCommand, Latest, LiveAction,
-    LiveView, ModelerCommand, RecorderCommand, Reports, ReviewView, ReviewerCommand, TrainerCommand, Worker,
-    clipper, dreamer, driver, modeler, recorder, reviewer, trainer,
+    LiveView, ModelerCommand, RecorderCommand, Reports, ReviewView, ReviewerCommand, ScreenerCommand,
+    TrainerCommand, Worker, clipper, dreamer, driver, modeler, recorder, reviewer, screener, trainer,
 };
 use crate::world_model::WorldModelConfig;
 use crate::world_model::fit::FitConfig;
@@ -19,6 +19,8 @@ pub enum Order {
     Dreamer(DreamerCommand),
     /// To whoever draws clips.
     Clipper(ClipperCommand),
+    /// To whoever looks for bad dreams.
+    Screener(ScreenerCommand),
     /// To whoever learns the reward.
     Trainer(TrainerCommand),
     /// To whoever drives by plan.
@@ -87,6 +89,7 @@ pub struct Threads {
     model: Option<Parameters>,
     dreamer: Option<Worker<DreamerCommand>>,
     clipper: Option<Worker<ClipperCommand>>,
+    screener: Option<Worker<ScreenerCommand>>,
     trainer: Option<Worker<TrainerCommand>>,
     driver: Option<Worker<DriverCommand>>,
     reviewer: Option<Worker<ReviewerCommand>>,
@@ -106,6 +109,7 @@ impl Threads {
             model: model.cloned(),
             dreamer: None,
             clipper: None,
+            screener: None,
             trainer: None,
             driver: None,
             reviewer: None,
@@ -149,6 +153,9 @@ impl Crew for Threads {
             (Order::Clipper(command), Some(model)) => {
                 self.clipper.get_or_insert_with(|| clipper::spawn(model, reports)).send(command);
             }
+            (Order::Screener(command), Some(model)) => {
+                self.screener.get_or_insert_with(|| screener::spawn(model, reports)).send(command);
+            }
             (Order::Trainer(command), Some(model)) => {
                 let start = || trainer::spawn(model, plans.reward.clone(), reports);
                 self.trainer.get_or_insert_with(start).send(command);
@@ -183,6 +190,7 @@ impl Crew for Threads {
 
     fn forget(&mut self) {
         dismiss(&mut self.clipper, &mut self.dismissed);
+        dismiss(&mut self.screener, &mut self.dismissed);
         dismiss(&mut self.trainer, &mut self.dismissed);
         dismiss(&mut self.driver, &mut self.dismissed);
         dismiss(&mut self.reviewer, &mut self.dismissed);

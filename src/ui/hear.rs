@@ -15,7 +15,7 @@ use crate::ui::input::{PadButton, PadEvent};
 use crate::ui::pads::Place;
 use crate::ui::state::{Dreaming, LoadedWorld, Pair, State, World};
 use crate::ui::widgets::clip;
-use crate::worker::{ClipperCommand, DriverCommand, Report, TrainerCommand};
+use crate::worker::{ClipperCommand, DriverCommand, Report, ScreenerCommand, TrainerCommand};
 
 /// How the report of a worker that has died begins.
 const PANICKED: &str = "this is a bug of ours";
@@ -111,6 +111,7 @@ impl App {
                 self.forget_far_pairs();
             }
             Report::Glance { query, frames } => self.glanced(ctx, query, &frames),
+            Report::Signs { dream, seed, signs } => self.signs_found(dream, seed, &signs),
             Report::Weighed { pairs, disagreements } => self.weighed(pairs, disagreements.as_deref()),
             Report::Judged(judgement) => self.state.review.judgement = Some(judgement),
             Report::Learning(learning) => self.state.reward.hear(learning),
@@ -345,6 +346,7 @@ impl App {
         let episode = std::sync::Arc::new(episode);
         self.state.review.episodes.insert(id, episode.clone());
         self.crew.send(Order::Clipper(ClipperCommand::AddDream(id, episode.clone())));
+        self.crew.send(Order::Screener(ScreenerCommand::AddDream(id, episode.clone())));
         self.crew.send(Order::Trainer(TrainerCommand::AddDream(id, episode)));
     }
 }

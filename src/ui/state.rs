@@ -5,15 +5,15 @@ use std::path::PathBuf;
 
 use eframe::egui::{TextureHandle, ThemePreference};
 
-use crate::dream::DreamEpisode;
+use crate::dream::{DreamEpisode, Screen};
 use crate::env::controls::{ControlConfig, Pad};
 use crate::env::{Action, Frame};
 use crate::evaluation::EpisodeMetrics;
 use crate::query::{DreamId, Justification, Protocol, Query, QueryId, Weights};
-use crate::session::{DreamJournal, Header, Session, SessionStore, UnfinishedDream};
+use crate::session::{Annotators, DreamJournal, Header, Session, SessionStore, UnfinishedDream};
 use crate::tensor::Parameters;
 use crate::ui::beside::Besides;
-use crate::ui::choosing::{Asking, Weighing};
+use crate::ui::choosing::{Asking, Weighing, is_held_back};
 use crate::ui::command::{Command, Field, Panel};
 use crate::ui::keys::{Deed, Keys, Rebinding};
 use crate::ui::pace::{Budget, Pace};
@@ -275,6 +275,10 @@ pub(crate) struct Labeling {
     pub asking: Asking,
     /// What the trainer is asked of that.
     pub weighing: Weighing,
+    /// Who answered about these dreams, as of when that was asked.
+    pub annotators: Option<Annotators>,
+    /// What is known of bad dreams.
+    pub screen: Screen,
 }
 
 /// Frames a second at which clips are played at first: as they were driven.
@@ -308,6 +312,8 @@ impl Default for Labeling {
             pace: Pace::default(),
             asking: Asking::default(),
             weighing: Weighing::default(),
+            annotators: None,
+            screen: Screen::default(),
         }
     }
 }
@@ -437,6 +443,10 @@ impl State {
             !dreams.iter().any(|dream| self.label.unreadable.contains(dream))
         };
         let pending = pending.filter(|query| Some(query.id) != self.label.revisited).filter(is_shown);
+        let mut pending: Vec<_> = pending.collect();
+        // What is on the screen stays there.
+        let shown = self.label.shown.map(|(id, _)| id);
+        pending.sort_by_key(|query| Some(query.id) != shown && is_held_back(self, query));
         revisited.into_iter().chain(pending).collect()
     }
 

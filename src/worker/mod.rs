@@ -15,6 +15,7 @@ pub mod driver;
 pub mod modeler;
 pub mod recorder;
 pub mod reviewer;
+pub mod screener;
 pub mod trainer;
 
 use std::any::Any;
@@ -26,7 +27,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
 use std::time::Instant;
 
-use crate::dream::DreamEpisode;
+use crate::dream::{DreamEpisode, Rows};
 use crate::env::{Action, Env, Frame};
 use crate::evaluation::EpisodeMetrics;
 use crate::query::{DreamId, Label, Query, QueryId, SegmentRef};
@@ -239,6 +240,13 @@ pub enum ClipperCommand {
     Glance(Query),
 }
 
+/// Looks for signs that dreams have left the world behind.
+#[derive(Debug)]
+pub enum ScreenerCommand {
+    /// Looks at a dream.
+    AddDream(DreamId, Arc<DreamEpisode>),
+}
+
 /// Learns a reward while answers come in.
 #[derive(Debug)]
 pub enum TrainerCommand {
@@ -366,6 +374,15 @@ pub enum Report {
         query: Query,
         /// From the middle of the left clip, and of the right one.
         frames: [Frame; 2],
+    },
+    /// A dream has been looked at.
+    Signs {
+        /// Which.
+        dream: DreamId,
+        /// Of its noise: another session has a dream of this number, too.
+        seed: u64,
+        /// The signs of its steps.
+        signs: Rows,
     },
     /// Pairs have been weighed.
     Weighed {

@@ -2,8 +2,11 @@
 
 use std::path::Path;
 
-use dropj::query::SegmentRef;
-use dropj::session::Choice;
+use dropj::dream::signs::N_SIGNS;
+use dropj::dream::{Rows, Screen};
+use dropj::query::{DreamId, SegmentRef};
+use dropj::session::{Answer, AskedQuery, Choice, Event as SessionEvent, hand_on};
+use dropj::worker::ScreenerCommand;
 
 use super::keys::Memory;
 use super::*;
@@ -131,4 +134,89 @@ fn a_query_comes_again_with_its_sides_changed_over_and_moves_no_count() {
     let wanted = format!("0 of {0} were answered as before, {0} differed about safety", again.len());
     change(&mut harness);
     harness.get_by_label(&wanted);
+}
+
+/// Signs of a dream of `n` steps that looks ever less like the world.
+fn signs(n: usize) -> Rows {
+    let mut signs = Rows { width: N_SIGNS, values: Vec::new() };
+    (0..n).for_each(|t| signs.push(&[t as f32 / n as f32; N_SIGNS]));
+    signs
+}
+
+#[test]
+fn doubtful_pairs_are_held_back_and_those_that_were_drawn_come_last() {
+    let dir = tempfile::tempdir().unwrap();
+    let (mut harness, backstage) = asking(dir.path(), "(again:0,held_back:40)");
+    go(&mut harness, Panel::Label);
+    let looked_at = backstage.orders().into_iter().filter(
+        |order| matches!(order, Order::Screener(ScreenerCommand::AddDream(_, dream)) if dream.len() > 80),
+    );
+    assert_eq!(looked_at.count(), 2, "both dreams are looked at");
+    let drawn: Vec<_> = harness.state().session().unwrap().session().queries().to_vec();
+    for (id, n) in [(0, 200), (1, 90)] {
+        backstage.report(Report::Signs { dream: DreamId(id), seed: 7, signs: signs(n) });
+    }
+    backstage.report(Report::Signs { dream: DreamId(0), seed: 8, signs: signs(20) });
+    harness.run_steps(3);
+
+    let mut screen = Screen::default();
+    screen.know(DreamId(0), &signs(200));
+    screen.know(DreamId(1), &signs(90));
+    let is_held = |asked: &AskedQuery| screen.holds_back([asked.query.left, asked.query.right], 0.4);
+    for _ in 0..30 {
+        press(&mut harness, Key::A);
+    }
+    let session = harness.state().session().unwrap().session();
+    assert_eq!(session.held_back(), 40, "it is written down");
+    assert!(!session.queries()[drawn.len()..].iter().any(is_held), "no other doubtful pair is drawn");
+    let answered = |asked: &&AskedQuery| session.query(asked.query.id).unwrap().answer().is_some();
+    let held: Vec<_> = drawn.iter().filter(|asked| is_held(asked)).collect();
+    assert!(!held.is_empty(), "of five some are doubtful, or this tests nothing");
+    let n_answered = held.into_iter().filter(answered).count();
+    // One may have been on the screen already.
+    assert!(n_answered <= 1, "{n_answered} that were drawn before were not left for last");
+}
+
+#[test]
+fn skips_as_hallucinated_are_counted_against_the_screen() {
+    let dir = tempfile::tempdir().unwrap();
+    let (mut harness, backstage) = asking(dir.path(), "(again:0,held_back:20)");
+    go(&mut harness, Panel::Label);
+    change(&mut harness);
+    harness.get_by_label("The dreams are yet to be looked at");
+    press(&mut harness, Key::Escape);
+    for (id, n) in [(0, 200), (1, 90)] {
+        backstage.report(Report::Signs { dream: DreamId(id), seed: 7, signs: signs(n) });
+    }
+    press(&mut harness, Key::A);
+    press(&mut harness, Key::Space);
+    press(&mut harness, Key::Num1);
+    change(&mut harness);
+    harness.get_by_label("How doubtful pairs are");
+    harness.get_by_label_contains("of 1 skipped as hallucinated");
+}
+
+#[test]
+fn those_who_answered_the_same_queries_are_compared() {
+    let dir = tempfile::tempdir().unwrap();
+    let (mut harness, _) = asking(dir.path(), "(again:0)");
+    go(&mut harness, Panel::Label);
+    for key in [Key::A, Key::D, Key::S] {
+        press(&mut harness, key);
+    }
+    let from = harness.state().session().unwrap().dir().to_owned();
+    let mut other = hand_on(&from, &dir.path().join("other"), "ben").unwrap();
+    for (id, safety) in [(0, SafetyAnswer::OnlyLeft), (1, SafetyAnswer::Neither)] {
+        let answer = Answer::new(QueryId(id), Response::Safety(safety), 3.0, "ben");
+        other.record(SessionEvent::Answered(answer)).unwrap();
+    }
+    drop(other);
+    if harness.query_by_label("Compare").is_none() {
+        press(&mut harness, Key::L);
+    }
+    harness.get_by_label("Compare").click();
+    harness.run_steps(3);
+    harness.get_by_label("anonymous and ben");
+    harness.get_by_label_contains("1 of 2 alike");
+    harness.get_by_label_contains("2 answers, 3.0 s each");
 }

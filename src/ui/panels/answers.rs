@@ -7,7 +7,7 @@ use eframe::egui::{
 
 use crate::query::QueryId;
 use crate::ui::command::{Command, Field};
-use crate::ui::panels::asking;
+use crate::ui::panels::{annotators, asking};
 use crate::ui::state::State;
 use crate::ui::tokens::{self, Tokens};
 use crate::ui::widgets::clip::{Rim, paint_picture};
@@ -24,6 +24,7 @@ pub(super) fn answers_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>
         field_ui(ui, state, Field::Annotator, "A name, kept with every answer", commands);
     });
     asking::card_ui(ui, state, commands);
+    annotators::card_ui(ui, state, commands);
     titled_card(ui, "Answers", |ui| list_ui(ui, state, commands));
 }
 

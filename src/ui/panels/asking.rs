@@ -4,11 +4,13 @@ use eframe::egui::containers::menu::{MenuButton, MenuConfig};
 use eframe::egui::{PopupCloseBehavior, Slider, Ui};
 
 use crate::query::Mix;
-use crate::ui::choosing::{Asking, MOST_AGAIN, obstacles};
+use crate::session::Session;
+use crate::ui::choosing::{Asking, MOST_AGAIN, MOST_HELD_BACK, obstacles};
 use crate::ui::command::Command;
 use crate::ui::state::State;
 use crate::ui::tokens::{self, GAP, Tokens};
 use crate::ui::widgets::gauge::row_ui;
+use crate::ui::widgets::histogram::histogram_ui;
 use crate::ui::widgets::layout::titled_card;
 
 /// The width of the menu.
@@ -23,6 +25,9 @@ pub(super) fn card_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
         if let Some(found) = state.session().and_then(|session| session.consistency(None)) {
             row_ui(ui, "Answered as before", format!("{} of {}", found.n_same, found.n));
         }
+        if asking.held_back > 0 {
+            row_ui(ui, "Held back as doubtful", format!("{} %", asking.held_back));
+        }
         let config = MenuConfig::new().close_behavior(PopupCloseBehavior::CloseOnClickOutside);
         MenuButton::new("Change what is asked").config(config).ui(ui, |ui| {
             ui.set_width(WIDTH);
@@ -30,6 +35,8 @@ pub(super) fn card_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
             mix_ui(ui, state, &mut changed);
             ui.add_space(GAP);
             again_ui(ui, state, &mut changed);
+            ui.add_space(GAP);
+            screen_ui(ui, state, &mut changed);
             if changed != asking {
                 commands.push(Command::Ask(changed));
             }
@@ -78,6 +85,36 @@ fn again_ui(ui: &mut Ui, state: &State, asking: &mut Asking) {
             format!("{} of {} were answered as before{critical}", found.n_same, found.n)
         },
     );
+    ui.label(tokens::muted(ui, said));
+}
+
+/// What is held back because it hardly looks like the world.
+fn screen_ui(ui: &mut Ui, state: &State, asking: &mut Asking) {
+    ui.label("Held back until last");
+    let screen = &state.label.screen;
+    let sorted = screen.distribution();
+    share_ui(ui, &mut asking.held_back, MOST_HELD_BACK, "that look least like the world").on_hover_text(
+        "Measured from how restless the pictures are and how far the dream has strayed; skipping as hallucinated teaches it",
+    );
+    if sorted.is_empty() {
+        ui.label(tokens::muted(ui, "The dreams are yet to be looked at"));
+        return;
+    }
+    let limit = screen.limit(asking.share_held_back());
+    if let Some(most) = histogram_ui(ui, sorted, limit, "How doubtful pairs are") {
+        let n_above = sorted.len() - sorted.partition_point(|doubt| *doubt <= most);
+        let percent = (100.0 * n_above as f32 / sorted.len() as f32).round() as u8;
+        asking.held_back = percent.min(MOST_HELD_BACK);
+    }
+    let judged = state.session().map(Session::judged).unwrap_or_default();
+    let spared = screen.spared(&judged, asking.share_held_back());
+    let said = match spared.n_bad {
+        0 => "Nothing was skipped as hallucinated yet".to_owned(),
+        n => format!(
+            "Of what was answered so far it would have held back {} of {n} skipped as hallucinated and {} of {} others",
+            spared.n_spared, spared.n_lost, spared.n_good
+        ),
+    };
     ui.label(tokens::muted(ui, said));
 }
 

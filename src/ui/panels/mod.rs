@@ -1,5 +1,6 @@
 //! What is drawn: functions of the state that push commands.
 
+mod annotators;
 mod answers;
 mod asking;
 mod beside;

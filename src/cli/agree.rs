@@ -1,0 +1,131 @@
+//! `dropj agree`, `dropj merge` and `dropj hand-on`: several annotators.
+
+use std::path::PathBuf;
+
+use anyhow::Context as _;
+use dropj::evaluation::{Agreement, aligned};
+use dropj::session::{Annotators, SessionStore, hand_on, merge};
+
+#[derive(Debug, clap::Args)]
+pub(crate) struct Options {
+    /// The sessions whose annotators are compared
+    #[arg(num_args = 1.., required = true)]
+    sessions: Vec<PathBuf>,
+    /// Call annotators as their session's folder, so that the same name in two sessions is two annotators
+    #[arg(long)]
+    by_session: bool,
+    /// Where to write the figures as a table
+    #[arg(long)]
+    csv: Option<PathBuf>,
+}
+
+#[derive(Debug, clap::Args)]
+pub(crate) struct MergeOptions {
+    /// The sessions to put together: of the same world model and the same justifications
+    #[arg(num_args = 2.., required = true)]
+    sessions: Vec<PathBuf>,
+    /// The folder of the session to make
+    #[arg(long)]
+    out: PathBuf,
+}
+
+#[derive(Debug, clap::Args)]
+pub(crate) struct HandOnOptions {
+    /// The session whose dreams and queries are handed on
+    session: PathBuf,
+    /// Who is to answer them
+    #[arg(long)]
+    annotator: String,
+    /// The folder of the session to make
+    #[arg(long)]
+    out: PathBuf,
+}
+
+pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
+    let mut sessions = Vec::new();
+    for dir in &options.sessions {
+        let name = dir.file_name().unwrap_or_default().to_string_lossy().into_owned();
+        sessions.push((name, SessionStore::read_reward(dir)?.0));
+    }
+    let called: Vec<_> = sessions
+        .iter()
+        .map(|(name, session)| (options.by_session.then_some(name.as_str()), session))
+        .collect();
+    let annotators = Annotators::of(&called);
+    if let Some(path) = &options.csv {
+        std::fs::write(path, annotators.to_csv())
+            .with_context(|| format!("cannot write the table {path:?}"))?;
+    }
+    println!("{}", table_of_each(&annotators));
+    if annotators.pairs.is_empty() {
+        println!("no two annotators answered the same query");
+    } else {
+        println!("{}", table_of_pairs(&annotators));
+    }
+    Ok(())
+}
+
+fn table_of_each(annotators: &Annotators) -> String {
+    let heads =
+        ["annotator", "answered", "skipped", "hallucinated", "labels/h", "median s", "again", "as before %"];
+    let mut lines = vec![heads.map(str::to_owned).to_vec()];
+    for one in &annotators.each {
+        let again = one.consistency;
+        lines.push(vec![
+            one.name.clone(),
+            one.n_answered.to_string(),
+            one.n_skipped.to_string(),
+            one.n_hallucinated.to_string(),
+            figure(one.labels_per_hour().map(f64::from), 0),
+            figure(one.median_secs.map(f64::from), 1),
+            again.map_or(0, |again| again.n).to_string(),
+            figure(again.map(|again| 100.0 * again.share()), 0),
+        ]);
+    }
+    aligned(&lines)
+}
+
+fn table_of_pairs(annotators: &Annotators) -> String {
+    let heads = ["both answered", "queries", "same %", "critical %", "other %", "kappa", "kappa of safety"];
+    let mut lines = vec![heads.map(str::to_owned).to_vec()];
+    for ([one, other], found) in &annotators.pairs {
+        let Agreement { n, n_same, n_critical, kappa, safety_kappa } = *found;
+        let percent = |part: usize| figure(Some(100.0 * part as f64 / n as f64), 0);
+        lines.push(vec![
+            format!("{one} – {other}"),
+            n.to_string(),
+            percent(n_same),
+            percent(n_critical),
+            percent(found.n_other()),
+            figure(kappa, 2),
+            figure(safety_kappa, 2),
+        ]);
+    }
+    aligned(&lines)
+}
+
+fn figure(value: Option<f64>, digits: usize) -> String {
+    value.map_or_else(|| "–".to_owned(), |value| format!("{value:.digits$}"))
+}
+
+pub(crate) fn run_merge(options: &MergeOptions) -> anyhow::Result<()> {
+    let merged = merge(&options.sessions, &options.out)?;
+    let statistics = merged.session().statistics();
+    println!(
+        "{} dreams, {} answers, {} skipped, of {}: {:?}",
+        merged.session().dreams().len(),
+        statistics.n_answered,
+        statistics.n_skipped,
+        merged.session().annotators().into_keys().collect::<Vec<_>>().join(", "),
+        options.out
+    );
+    println!("the reward is yet to be learned: dropj refit --session {:?}", options.out);
+    Ok(())
+}
+
+pub(crate) fn run_hand_on(options: &HandOnOptions) -> anyhow::Result<()> {
+    let handed = hand_on(&options.session, &options.out, &options.annotator)?;
+    let n_queries = handed.session().pending().count();
+    println!("{n_queries} queries for {}: dropj --session {:?}", options.annotator, options.out);
+    Ok(())
+}

@@ -1,0 +1,126 @@
+//! `dropj screen`.
+
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
+
+use anyhow::Context as _;
+use dropj::dream::screen::{Pair, Screen};
+use dropj::dream::signs::{N_SIGNS, SIGNS};
+use dropj::evaluation::auc;
+use dropj::session::SessionStore;
+
+#[derive(Debug, clap::Args)]
+pub(crate) struct Options {
+    /// Sessions in which some queries were skipped as hallucinated, such as by `simulate --eps-skip 0.35`
+    #[arg(num_args = 1.., required = true)]
+    sessions: Vec<PathBuf>,
+    /// Where to write the signs of every pair as a table
+    #[arg(long)]
+    csv: Option<PathBuf>,
+}
+
+/// Shares of all pairs that could be held back.
+const SHARES: [f32; 6] = [0.05, 0.1, 0.2, 0.3, 0.4, 0.5];
+
+/// A session, its screen, and what was judged in it in the order of asking.
+struct Judged {
+    screen: Screen,
+    judged: Vec<(Pair, bool)>,
+}
+
+pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
+    tch::set_num_threads(1);
+    let mut sessions = Vec::new();
+    for dir in &options.sessions {
+        sessions.push(read(dir)?);
+    }
+    if let Some(path) = &options.csv {
+        std::fs::write(path, table(&options.sessions, &sessions))
+            .with_context(|| format!("cannot write the table {path:?}"))?;
+    }
+    let n = sessions.iter().map(|session| session.judged.len()).sum::<usize>();
+    let is_bad = sessions.iter().flat_map(|session| &session.judged).filter(|(_, is_bad)| *is_bad);
+    println!("{n} pairs, {} of them skipped as hallucinated", is_bad.count());
+
+    println!(
+        "\nHow often a skipped pair has more of a sign than another (0.5 is chance), and what it counts:"
+    );
+    let weights: Vec<_> = Screen::default().weights().collect();
+    for (i, (name, weight)) in weights.into_iter().enumerate() {
+        let scored = scored(&sessions, |session, pair| session.screen.signs(pair).map(|signs| signs[i]));
+        println!("  {name:<12} {}  {weight:+.2}", figure(auc(&scored)));
+    }
+    let shipped = |session: &Judged, pair: Pair| session.screen.doubt(pair).map(f64::from);
+    println!("  {:<12} {}", "together", figure(auc(&scored(&sessions, shipped))));
+    println!("\nHeld back with the weights as they are shipped:");
+    spared(&sessions);
+
+    let taught: Vec<_> = sessions.into_iter().map(taught_by_half).collect();
+    println!("\nHeld back of the second half of each session, once taught by its first half:");
+    println!("  {:<12} {}", "together", figure(auc(&scored(&taught, shipped))));
+    spared(&taught);
+    Ok(())
+}
+
+fn read(dir: &Path) -> anyhow::Result<Judged> {
+    let model = SessionStore::read_world_model(dir)?;
+    let (session, dreams) = SessionStore::read_dreams(dir, &model.hash())?;
+    let mut screen = Screen::default();
+    for (id, episode) in dreams {
+        let signs = episode.signs(&model, || true).unwrap_or_else(|| unreachable!("nobody says no"));
+        screen.know(id, &signs);
+    }
+    Ok(Judged { screen, judged: session.judged() })
+}
+
+/// The second half of what was judged, and a screen that knows what was said of the first.
+fn taught_by_half(mut session: Judged) -> Judged {
+    let second = session.judged.split_off(session.judged.len() / 2);
+    session.screen.learn(&session.judged);
+    Judged { judged: second, ..session }
+}
+
+/// Every pair's score, and whether it was skipped as hallucinated.
+fn scored(sessions: &[Judged], score: impl Fn(&Judged, Pair) -> Option<f64>) -> Vec<(f64, bool)> {
+    let of = |session| Judged::scored(session, &score);
+    sessions.iter().flat_map(of).collect()
+}
+
+impl Judged {
+    fn scored(&self, score: &impl Fn(&Self, Pair) -> Option<f64>) -> Vec<(f64, bool)> {
+        self.judged.iter().filter_map(|(pair, is_bad)| Some((score(self, *pair)?, *is_bad))).collect()
+    }
+}
+
+/// What holding back a share of all pairs would have saved, and cost.
+fn spared(sessions: &[Judged]) {
+    println!("  share   skips saved      others lost");
+    for share in SHARES {
+        let [mut n_bad, mut n_spared, mut n_good, mut n_lost] = [0; 4];
+        for session in sessions {
+            let spared = session.screen.spared(&session.judged, share);
+            (n_bad, n_spared) = (n_bad + spared.n_bad, n_spared + spared.n_spared);
+            (n_good, n_lost) = (n_good + spared.n_good, n_lost + spared.n_lost);
+        }
+        let of = |some: usize, all: usize| {
+            format!("{some:>4} of {all:<4} {:>3.0} %", 100.0 * some as f64 / all.max(1) as f64)
+        };
+        println!("  {:>3.0} %   {}   {}", 100.0 * share, of(n_spared, n_bad), of(n_lost, n_good));
+    }
+}
+
+fn figure(auc: Option<f64>) -> String {
+    auc.map_or_else(|| "   –".to_owned(), |auc| format!("{auc:.3}"))
+}
+
+fn table(dirs: &[PathBuf], sessions: &[Judged]) -> String {
+    let mut text = format!("session,hallucinated,{}\n", SIGNS.join(","));
+    for (dir, session) in dirs.iter().zip(sessions) {
+        for (pair, is_bad) in &session.judged {
+            let Some(signs): Option<[f64; N_SIGNS]> = session.screen.signs(*pair) else { continue };
+            let signs = signs.map(|sign| sign.to_string()).join(",");
+            writeln!(text, "{:?},{is_bad},{signs}", dir.display().to_string()).ok();
+        }
+    }
+    text
+}

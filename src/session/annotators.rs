@@ -1,0 +1,287 @@
+//! Who answered, how fast and how steadily, and how far those agree who answered the same queries.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::fmt::Write as _;
+
+use crate::evaluation::Agreement;
+use crate::query::{Response, SkipReason};
+use crate::session::{AskedQuery, Session};
+
+/// One who answered.
+#[derive(Clone, Debug, PartialEq)]
+pub struct AnnotatorReport {
+    /// As the answers say it.
+    pub name: String,
+    /// Answers that count and are no skips; what was asked again is left out.
+    pub n_answered: usize,
+    /// Queries that were skipped.
+    pub n_skipped: usize,
+    /// Of these, how many did not look like the world.
+    pub n_hallucinated: usize,
+    /// Seconds spent with queries, those asked again included, at most a minute with each.
+    pub active_secs: f32,
+    /// The time of the middle answer, skips left out.
+    pub median_secs: Option<f32>,
+    /// How far they said the same when they were asked again.
+    pub consistency: Option<Agreement>,
+}
+
+impl AnnotatorReport {
+    /// Usable labels an hour, once some time was spent.
+    pub fn labels_per_hour(&self) -> Option<f32> {
+        (self.active_secs > 0.0).then(|| 3600.0 * self.n_answered as f32 / self.active_secs)
+    }
+}
+
+/// All who answered in some sessions.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Annotators {
+    /// Each of them, by name.
+    pub each: Vec<AnnotatorReport>,
+    /// Any two who answered the same queries, and how far they agree.
+    pub pairs: Vec<([String; 2], Agreement)>,
+}
+
+/// A segment by the content of its dream, whatever its number in a session.
+type Place<'a> = (&'a str, usize);
+
+/// What an annotator did.
+#[derive(Default)]
+struct Work<'a> {
+    n_skipped: usize,
+    n_hallucinated: usize,
+    active_secs: f32,
+    secs: Vec<f32>,
+    repeated: Vec<(Response, Response)>,
+    /// By pair of segments, and seen with the lesser one on the left.
+    said: BTreeMap<[Place<'a>; 2], Response>,
+}
+
+impl Annotators {
+    /// Those of `sessions`, each with a name by which its annotators are called where they are given none of their own.
+    ///
+    /// Answers of one name are those of one person, in whatever session.
+    /// Two queries are the same where they show the same segments of the same dreams, on whichever side.
+    ///
+    /// # Examples
+    ///
+    /// ```
+    /// use dropj::query::{Protocol, Weights};
+    /// use dropj::session::{Annotators, Session};
+    ///
+    /// let session = Session::new(Protocol::Dropj, Weights::car_racing());
+    /// assert!(Annotators::of(&[(None, &session)]).each.is_empty(), "nobody has answered yet");
+    /// ```
+    pub fn of(sessions: &[(Option<&str>, &Session)]) -> Self {
+        let mut work: BTreeMap<String, Work<'_>> = BTreeMap::new();
+        for (called, session) in sessions {
+            let name = |annotator: &str| called.unwrap_or(annotator).to_owned();
+            for (annotator, secs) in session.active_secs() {
+                let work = work.entry(name(annotator)).or_default();
+                work.active_secs += secs;
+                work.repeated.extend(session.repeated(Some(annotator)));
+            }
+            for asked in session.queries().iter().filter(|asked| asked.repeats().is_none()) {
+                let Some(given) = asked.answer() else { continue };
+                work.entry(name(&given.answer.annotator)).or_default().take(session, asked);
+            }
+        }
+        let default = sessions.first().map(|(_, session)| session.weights().justifications.default());
+        let agreement = |pairs: &[(Response, Response)]| Agreement::of(pairs, default?);
+        let report = |(name, work): (&String, &Work<'_>)| AnnotatorReport {
+            name: name.clone(),
+            n_answered: work.secs.len(),
+            n_skipped: work.n_skipped,
+            n_hallucinated: work.n_hallucinated,
+            active_secs: work.active_secs,
+            median_secs: median(&work.secs),
+            consistency: agreement(&work.repeated),
+        };
+        let each = work.iter().map(report).collect();
+        let all: Vec<_> = work.iter().collect();
+        let mut pairs = Vec::new();
+        for (i, (one, mine)) in all.iter().enumerate() {
+            for (other, theirs) in &all[i + 1..] {
+                let both = mine.said.iter().filter_map(|(at, said)| Some((*said, *theirs.said.get(at)?)));
+                if let Some(agreement) = agreement(&both.collect::<Vec<_>>()) {
+                    pairs.push(([(*one).clone(), (*other).clone()], agreement));
+                }
+            }
+        }
+        Self { each, pairs }
+    }
+
+    /// A table: a line for each annotator, compared with themselves, and then one for any two of them.
+    pub fn to_csv(&self) -> String {
+        let mut csv = String::from(
+            "annotator,other,answered,skipped,hallucinated,hours,labels_per_hour,median_secs,compared,same,critical,\
+             other_differences,kappa,safety_kappa\n",
+        );
+        let number = |number: Option<f64>| number.map(|number| number.to_string()).unwrap_or_default();
+        let compared = |agreement: Option<Agreement>| {
+            let Some(found) = agreement else { return "0,,,,,".to_owned() };
+            let (kappa, safety) = (number(found.kappa), number(found.safety_kappa));
+            let Agreement { n, n_same, n_critical, .. } = found;
+            format!("{n},{n_same},{n_critical},{},{kappa},{safety}", found.n_other())
+        };
+        for one in &self.each {
+            let AnnotatorReport { n_answered, n_skipped, n_hallucinated, .. } = one;
+            let hours = one.active_secs / 3600.0;
+            let (rate, median) =
+                (number(one.labels_per_hour().map(f64::from)), number(one.median_secs.map(f64::from)));
+            let name = quoted(&one.name);
+            let found = compared(one.consistency);
+            writeln!(
+                csv,
+                "{name},,{n_answered},{n_skipped},{n_hallucinated},{hours},{rate},{median},{found}"
+            )
+            .ok();
+        }
+        for ([one, other], agreement) in &self.pairs {
+            writeln!(csv, "{},{},,,,,,,{}", quoted(one), quoted(other), compared(Some(*agreement))).ok();
+        }
+        csv
+    }
+}
+
+impl<'a> Work<'a> {
+    fn take(&mut self, session: &'a Session, asked: &AskedQuery) {
+        let Some(answer) = asked.answer().map(|given| &given.answer) else { return };
+        match answer.response {
+            Response::Skipped(reason) => {
+                self.n_skipped += 1;
+                self.n_hallucinated += usize::from(reason == Some(SkipReason::Hallucinated));
+            }
+            _ => self.secs.push(answer.secs),
+        }
+        let dreams = session.dreams();
+        let [left, right] = [asked.query.left, asked.query.right]
+            .map(|segment| (dreams[segment.dream.0 as usize].sha256.as_str(), segment.start));
+        let (at, said) = if left <= right {
+            ([left, right], answer.response)
+        } else {
+            ([right, left], answer.response.mirrored())
+        };
+        self.said.entry(at).or_insert(said);
+    }
+}
+
+/// The middle number, or the mean of the middle two.
+fn median(numbers: &[f32]) -> Option<f32> {
+    let mut sorted = numbers.to_vec();
+    sorted.sort_by(f32::total_cmp);
+    let n = sorted.len();
+    (n > 0).then(|| f32::midpoint(sorted[(n - 1) / 2], sorted[n / 2]))
+}
+
+fn quoted(text: &str) -> String {
+    if text.contains([',', '"', '\n', '\r']) {
+        format!("\"{}\"", text.replace('"', "\"\""))
+    } else {
+        text.to_owned()
+    }
+}
+
+/// The dreams that sessions have in common are what makes their answers comparable.
+pub fn share_dreams(one: &Session, other: &Session) -> bool {
+    let hashes: BTreeSet<_> = one.dreams().iter().map(|kept| &kept.sha256).collect();
+    other.dreams().iter().any(|kept| hashes.contains(&kept.sha256))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::query::{DreamId, Preference, Protocol, QueryId, SafetyAnswer, SegmentRef, Weights};
+    use crate::session::{Answer, Choice, DreamSource, Entry, Event, KeptDream};
+
+    /// The first steps of the left and right segment, each after its dream; what was said, and in how many seconds.
+    type Said = ([(u32, usize); 2], Response, f32);
+
+    /// A session over the dreams called `hashes`, with queries and their answers.
+    fn session(hashes: &[&str], said: &[Said], annotator: &str) -> Session {
+        let mut session = Session::new(Protocol::Dropj, Weights::car_racing());
+        let mut happens = |event| {
+            let entry = Entry { event, seq: session.n_entries(), at: 0 };
+            session.apply(&entry).unwrap();
+        };
+        for (i, hash) in hashes.iter().enumerate() {
+            happens(Event::DreamKept(KeptDream {
+                dream: DreamId(i as u32),
+                len: 100,
+                seed: 0,
+                marks: vec![],
+                source: DreamSource::User,
+                planned: 0,
+                file: "dreams/0000.safetensors".to_owned(),
+                sha256: (*hash).to_owned(),
+            }));
+        }
+        for (i, (pair, response, secs)) in said.iter().enumerate() {
+            let query = QueryId(i as u32);
+            let [left, right] = pair.map(|(dream, start)| SegmentRef { dream: DreamId(dream), start });
+            happens(Event::Asked { query, left, right, choice: Choice::Uniform });
+            happens(Event::Answered(Answer::new(query, *response, *secs, annotator)));
+        }
+        session
+    }
+
+    const LEFT: Response = Response::Safety(SafetyAnswer::OnlyLeft);
+    const RIGHT: Response = Response::Safety(SafetyAnswer::OnlyRight);
+    const EQUAL: Response = Response::Safety(SafetyAnswer::Both(Preference::Equal));
+
+    #[test]
+    fn the_same_segments_are_compared_whatever_their_numbers_and_sides() {
+        let anna = session(
+            &["one", "two"],
+            &[
+                ([(0, 5), (1, 7)], LEFT, 4.0),
+                ([(0, 9), (0, 1)], LEFT, 2.0),
+                ([(1, 0), (1, 50)], EQUAL, 9.0),
+                ([(1, 1), (1, 51)], Response::Skipped(Some(SkipReason::Hallucinated)), 60.0),
+            ],
+            "anna",
+        );
+        let ben = session(
+            &["two", "three", "one"],
+            &[
+                ([(0, 7), (2, 5)], RIGHT, 3.0),
+                ([(2, 9), (2, 1)], RIGHT, 3.0),
+                ([(1, 0), (1, 50)], EQUAL, 3.0),
+                ([(0, 1), (0, 51)], EQUAL, 3.0),
+            ],
+            "ben",
+        );
+        let found = Annotators::of(&[(None, &anna), (None, &ben)]);
+        let [(names, agreement)] = &found.pairs[..] else { panic!("{found:?}") };
+        assert_eq!(names, &["anna".to_owned(), "ben".to_owned()]);
+        // Both call the first the same, seen from one side; they contradict each other in the second; the third of
+        // each is of another dream, and the fourth was skipped.
+        assert_eq!((agreement.n, agreement.n_same, agreement.n_critical), (2, 1, 1));
+
+        let anna = &found.each[0];
+        assert_eq!((anna.n_answered, anna.n_skipped, anna.n_hallucinated), (3, 1, 1));
+        assert_eq!((anna.median_secs, anna.active_secs), (Some(4.0), 75.0));
+        assert_eq!(anna.labels_per_hour(), Some(144.0));
+        assert_eq!(median(&[1.0, 2.0, 4.0, 8.0]), Some(3.0));
+    }
+
+    #[test]
+    fn one_name_is_one_person_unless_sessions_are_told_apart() {
+        let (once, again) = (
+            session(&["one"], &[([(0, 5), (0, 7)], LEFT, 4.0)], "anna"),
+            session(&["one"], &[([(0, 5), (0, 7)], RIGHT, 6.0)], "anna"),
+        );
+        let together = Annotators::of(&[(None, &once), (None, &again)]);
+        assert_eq!((together.each.len(), together.pairs.len()), (1, 0));
+        assert_eq!(together.each[0].median_secs, Some(5.0));
+        let apart = Annotators::of(&[(Some("Monday, early"), &once), (Some("Tuesday"), &again)]);
+        assert_eq!((apart.each.len(), apart.pairs.len()), (2, 1));
+        insta::assert_snapshot!(apart.to_csv(), @r#"
+        annotator,other,answered,skipped,hallucinated,hours,labels_per_hour,median_secs,compared,same,critical,other_differences,kappa,safety_kappa
+        "Monday, early",,1,0,0,0.0011111111,900,4,0,,,,,
+        Tuesday,,1,0,0,0.0016666667,600,6,0,,,,,
+        "Monday, early",Tuesday,,,,,,,1,0,1,0,0,0
+        "#);
+        assert!(share_dreams(&once, &again), "they have a dream in common");
+    }
+}
