@@ -14,6 +14,7 @@ mod refit;
 mod replay;
 mod simulate;
 mod trace;
+mod verdicts;
 mod window;
 
 use clap::{Parser, Subcommand, ValueEnum};

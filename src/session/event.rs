@@ -2,7 +2,9 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::query::{DreamId, Protocol, QueryId, Response, SegmentRef, SkipReason, Strategy, Weights};
+use crate::query::{
+    DreamId, Protocol, QueryId, Response, SegmentRef, SkipReason, Strategy, Transition, Weights,
+};
 
 /// One thing that happened.
 ///
@@ -31,6 +33,15 @@ pub enum Event {
         left: SegmentRef,
         /// Its right segment.
         right: SegmentRef,
+        /// Why this one.
+        choice: Choice,
+    },
+    /// A transition was chosen, and will be shown.
+    AskedTransition {
+        /// Its number: how many queries were asked before.
+        query: QueryId,
+        /// Which one.
+        transition: Transition,
         /// Why this one.
         choice: Choice,
     },
@@ -120,6 +131,8 @@ pub enum DreamSource {
     User,
     /// A stand-in for one.
     Simulated,
+    /// Nobody: its actions were made such that its transitions are worth asking about.
+    Synthesized,
 }
 
 /// Why a query was asked.
@@ -254,7 +267,7 @@ impl Entry {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::query::{Justification, Preference, SafetyAnswer};
+    use crate::query::{Justification, Preference, SafetyAnswer, Verdict};
 
     fn one_of_each() -> Vec<Event> {
         let query = QueryId(1);
@@ -299,6 +312,12 @@ mod tests {
             Event::DreamKept(KeptDream { planned: 120, ..kept }),
             Event::DreamDropped { dream: DreamId(0) },
             Event::DreamRestored { dream: DreamId(0) },
+            Event::AskedTransition {
+                query,
+                transition: Transition { dream: DreamId(2), first: 412, step: 431 },
+                choice: Choice::Uniform,
+            },
+            answered(Response::Judged(Verdict::Unsafe)),
         ]
     }
 
@@ -329,6 +348,8 @@ mod tests {
         {"event":"dream_kept","dream":0,"len":640,"seed":18446744073709551615,"marks":[412,413],"source":"user","planned":120,"file":"dreams/0000.safetensors","sha256":"sha256:00","seq":16,"at":1795342500000}
         {"event":"dream_dropped","dream":0,"seq":17,"at":1795342500000}
         {"event":"dream_restored","dream":0,"seq":18,"at":1795342500000}
+        {"event":"asked_transition","query":1,"transition":{"dream":2,"first":412,"step":431},"choice":"uniform","seq":19,"at":1795342500000}
+        {"event":"answered","query":1,"response":{"judged":"unsafe"},"secs":4.2,"loops":1,"annotator":"anna","sides_swapped":false,"seq":20,"at":1795342500000}
         "#);
     }
 

@@ -30,7 +30,9 @@ pub mod store;
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use crate::query::{DreamId, LabeledQuery, Protocol, Query, QueryId, Response, Weights};
+use crate::query::{
+    DreamId, JudgedTransition, LabeledQuery, Protocol, Query, QueryId, Response, Transition, Weights,
+};
 
 pub use error::{Impossible, SessionError};
 pub use event::{Answer, Choice, DreamSource, Entry, Event, Fit, KeptDream};
@@ -58,8 +60,10 @@ pub struct Given {
 /// A query and what became of it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct AskedQuery {
-    /// What was shown.
+    /// What was shown; of a transition the clip around it, on both sides.
     pub query: Query,
+    /// The transition that is asked about, where it is not a pair of clips.
+    pub transition: Option<Transition>,
     /// Why this.
     pub choice: Choice,
     /// Whether it is marked for a second look.
@@ -139,9 +143,11 @@ impl Session {
             Event::DreamDropped { dream } => drop(self.dropped.insert(*dream)),
             Event::DreamRestored { dream } => drop(self.dropped.remove(dream)),
             &Event::Asked { query: id, left, right, choice } => {
-                let query = Query { id, left, right };
-                let (given, retracted) = (Vec::new(), Vec::new());
-                self.queries.push(AskedQuery { query, choice, is_flagged: false, given, retracted });
+                self.ask(Query { id, left, right }, None, choice);
+            }
+            &Event::AskedTransition { query: id, transition, choice } => {
+                let clip = transition.clip(self.dreams[transition.dream.0 as usize].len);
+                self.ask(Query { id, left: clip, right: clip }, Some(transition), choice);
             }
             Event::Answered(answer) => {
                 *self.active_secs.entry(answer.annotator.clone()).or_default() +=
@@ -175,6 +181,11 @@ impl Session {
         self.n_entries += 1;
         self.last_at = Some(entry.at);
         Ok(())
+    }
+
+    fn ask(&mut self, query: Query, transition: Option<Transition>, choice: Choice) {
+        let (given, retracted) = (Vec::new(), Vec::new());
+        self.queries.push(AskedQuery { query, transition, choice, is_flagged: false, given, retracted });
     }
 
     fn asked(&self, query: QueryId) -> Result<&AskedQuery, Impossible> {
@@ -284,6 +295,16 @@ impl Session {
     pub fn marks(&self) -> Vec<(DreamId, usize)> {
         let marks = self.dreams.iter().flat_map(|kept| kept.marks.iter().map(|mark| (kept.dream, *mark)));
         marks.collect()
+    }
+
+    /// The transitions that a verdict was given on, in the order of answering.
+    pub fn judged(&self) -> Vec<JudgedTransition> {
+        let judged = |given: &&Given| -> Option<JudgedTransition> {
+            let Response::Judged(verdict) = given.answer.response else { return None };
+            let transition = self.query(given.answer.query)?.transition?;
+            Some(JudgedTransition { query: given.answer.query, transition, verdict })
+        };
+        self.answers().iter().filter_map(judged).collect()
     }
 
     /// The rewards that were learned, the last one last.
