@@ -100,6 +100,8 @@ pub(super) fn fit_sparse(
     config: SparseConfig,
     seed: u64,
 ) -> anyhow::Result<Fit> {
+    // Batches are small: a second thread would mostly be waited for.
+    tch::set_num_threads(1);
     let judged = store.session().judged();
     anyhow::ensure!(!judged.is_empty(), "there are no verdicts to learn from");
     let mut dreams = BTreeMap::new();

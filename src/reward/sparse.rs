@@ -289,7 +289,7 @@ pub(super) fn joint_loss(logits: &Tensor, classes: &Tensor) -> Tensor {
 pub(super) fn balanced_losses(logits: &Tensor, classes: &Tensor, weights: &Tensor) -> Tensor {
     let [e, n, _] = dims(logits);
     let log_p = logits.log_softmax(-1, Kind::Float).gather(-1, &classes.unsqueeze(-1), false).view([e, n]);
-    let weights = weights.index_select(0, &classes.view(-1)).view([e, n]);
+    let weights = weights.index_select(0, &classes.reshape([-1])).view([e, n]);
     -(log_p * &weights).sum_dim_intlist(-1, false, Kind::Float)
         / weights.sum_dim_intlist(-1, false, Kind::Float)
 }

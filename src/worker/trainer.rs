@@ -351,7 +351,8 @@ mod tests {
     use std::sync::mpsc::channel;
 
     use super::*;
-    use crate::query::{Response, SafetyAnswer, Weights};
+    use crate::query::{JudgedTransition, Response, SafetyAnswer, Verdict, Weights};
+    use crate::reward::SparseReward;
     use crate::tensor::to_vec;
     use crate::worker::toy;
 
@@ -530,5 +531,41 @@ mod tests {
         learner.hear(TrainerCommand::Forget(QueryId(20)));
         assert_eq!(n_foretold(&learner), Some((1, 1)));
         assert_eq!((learner.order.len(), learner.trainer.n_labels()), (21, 21));
+    }
+
+    #[test]
+    fn verdicts_are_learned_while_they_come_in_and_what_came_last_counts() {
+        one_thread();
+        let (reports, inbox) = Reports::new(|| ());
+        let mut learner = Learner::new(toy::model(), RewardConfig::tiny(), &reports);
+        for id in 0..2 {
+            learner.hear(TrainerCommand::AddDream(DreamId(id as u32), Arc::new(toy::dream(id, 60))));
+        }
+        for i in 0..50 {
+            let transition = Transition { dream: DreamId(0), first: 0, step: i };
+            let verdict = Verdict::ALL[usize::from(toy::dream(0, 60).actions[i].steer > 0.0)];
+            let query = QueryId(i as u32);
+            learner.hear(TrainerCommand::Judge(JudgedTransition { query, transition, verdict }));
+        }
+        assert!(learner.is_behind(), "a trajectory is enough to begin with");
+        learner.go_on();
+        let reports: Vec<_> = inbox.try_iter().collect();
+        let [Report::Learning(learning), Report::Learned { parameters, n_labels: 50, fit: None }] = &reports[..]
+        else {
+            panic!("{reports:?}")
+        };
+        assert!(SparseReward::is_in(parameters) && learning.held_out_loss.is_some(), "a classifier: {learning:?}");
+        learner.hear(TrainerCommand::Forget(QueryId(3)));
+        assert!(!learner.is_behind(), "one in fifty is not worth it");
+        for command in answers(100..110) {
+            learner.hear(command);
+        }
+        while learner.is_behind() {
+            learner.go_on();
+        }
+        learner.hand_on(None);
+        let last = inbox.try_iter().last();
+        let Some(Report::Learned { parameters, n_labels: 10, .. }) = last else { panic!("{last:?}") };
+        assert!(!SparseReward::is_in(&parameters), "preferences came last");
     }
 }
