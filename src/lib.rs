@@ -19,10 +19,10 @@
 //! | [`run`] | the folder of a long job; files written whole | a file is as before or as wanted, never in between |
 //! | [`dataset`] | real episodes on disk: journal, sealed files, streaming reads | memory stays flat however many episodes |
 //! | [`world_model`] | VAE, MDN-RNN, their fitting | knows no window or clock; the only place that knows the order `[z \| c \| h]` |
-//! | [`query`] | segments, what can be asked and answered, how pairs are chosen, labels | plain data: no tensor |
+//! | [`query`] | segments and transitions, what can be asked and answered, how pairs are chosen, labels | plain data: no tensor |
 //! | [`dream`] | stepping the model as an environment, signs that it has left the world | holds no randomness of its own: noise comes from the caller |
-//! | [`reward`] | the ensemble and its fitting | never sees a frame: features and scaled actions only |
-//! | [`planner`] | candidates, imagined returns, the choice | a pure function of state, models and generator |
+//! | [`reward`] | the ensemble of preferences, the classifier of verdicts, their fitting | never sees a frame: features and actions only |
+//! | [`planner`] | candidates, imagined returns, the choice; trajectories worth asking about | a pure function of state, models and generator |
 //! | [`simulate`] | stand-ins for people: pilot, probe, annotator | once it labels it sees frames, never the simulator |
 //! | [`evaluation`] | episodes in the real world, metrics, agreement of people | takes a policy, returns numbers; same tracks for every method |
 //! | [`session`] | events, their log, replay, merging; arrays and weights on disk | with [`dataset`] and [`run`] the only modules that touch files; a session *is* its log |

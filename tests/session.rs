@@ -311,9 +311,9 @@ fn labels_are_exported_as_they_were_said_and_as_they_weigh() {
     let names = rows[0].split(',').count();
     assert_eq!(
         rows[1],
-        r#"1,0,0,0,0,uniform,DROPJ,,true,true,,right,0.25,4.5,0,"anna, the ""first""",false,,,1795342500000"#
+        r#"1,0,0,0,0,uniform,DROPJ,,true,true,,right,0.25,4.5,0,"anna, the ""first""",false,,,1795342500000,,"#
     );
-    assert_eq!(rows[2], "0,0,0,0,0,uniform,DROPJ,yes,,,,,,2,0,anna,false,,,1795342500000");
+    assert_eq!(rows[2], "0,0,0,0,0,uniform,DROPJ,yes,,,,,,2,0,anna,false,,,1795342500000,,");
     assert_eq!(rows[2].split(',').count(), names);
 }
 
@@ -323,7 +323,7 @@ fn a_session_of_the_first_format_goes_on_in_this_one() {
     let path = dir.path().join("s");
     drop(SessionStore::create(&path, header(&model)).unwrap());
     let head = std::fs::read_to_string(path.join("session.json")).unwrap();
-    std::fs::write(path.join("session.json"), head.replace("\"format\": 4", "\"format\": 1")).unwrap();
+    std::fs::write(path.join("session.json"), head.replace("\"format\": 3", "\"format\": 1")).unwrap();
     assert_eq!(Header::read(&path).unwrap().format, 1);
     let mut store = SessionStore::open(&path, None).unwrap();
     store.record(Event::ProtocolChanged { protocol: Protocol::Drop }).unwrap();

@@ -9,7 +9,7 @@ use dropj::evaluation::{
     PlanningPolicy, Policy, Step, StraightOn, Summary, TracksAlike, evaluate_episode, table,
 };
 use dropj::planner::{Agent, PlannerConfig};
-use dropj::reward::{RewardConfig, RewardEnsemble};
+use dropj::reward::{LearnedReward, RewardConfig, RewardEnsemble};
 use dropj::session::{Header, SessionStore};
 use rand::SeedableRng as _;
 use rand_chacha::ChaCha8Rng;
@@ -68,16 +68,16 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
     let reward = if let Some((_, reward)) = &kept {
         let dir = options.session.as_deref().unwrap_or(Path::new(""));
         let none = || format!("the session {dir:?} has no reward yet: fit one in the window");
-        RewardEnsemble::load(reward.as_ref().with_context(none)?)?
+        LearnedReward::load(reward.as_ref().with_context(none)?, &model.hash())?
     } else {
         let rng = &mut ChaCha8Rng::seed_from_u64(options.random_reward.unwrap_or(0));
-        RewardEnsemble::new(model.config().n_features(), &model.hash(), RewardConfig::car_racing(), rng)
+        let (n, config) = (model.config().n_features(), RewardConfig::car_racing());
+        LearnedReward::Preferences(RewardEnsemble::new(n, &model.hash(), config, rng).frozen())
     };
-    reward.require(&model.hash())?;
-    let reward = reward.frozen();
 
     let memory_reset = (options.memory_reset > 0).then_some(options.memory_reset);
-    let config = PlannerConfig { memory_reset, ..env.planner() };
+    let planner = if reward.is_sparse() { env.planner().for_transitions() } else { env.planner() };
+    let config = PlannerConfig { memory_reset, ..planner };
     let tracks = TracksAlike { seed: options.seed };
     let mut episodes = Vec::new();
     let mut steps =

@@ -16,6 +16,7 @@ mod replay;
 mod screen;
 mod simulate;
 mod trace;
+mod verdicts;
 mod window;
 
 use clap::{Parser, Subcommand, ValueEnum};

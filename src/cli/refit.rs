@@ -1,15 +1,19 @@
 //! `dropj refit`.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, btree_map};
 use std::convert::Infallible;
 use std::ops::ControlFlow;
 use std::path::PathBuf;
 use std::time::Instant;
 
 use anyhow::Context as _;
-use dropj::query::{Justifications, SegmentRef, Weights};
-use dropj::reward::{Figures, Fitted, RewardConfig, fit_anew, foretell_held_out, segment_rows};
-use dropj::session::{Event, Fit, SessionStore};
+use dropj::query::{Justifications, Protocol, SegmentRef, Transition, Weights};
+use dropj::reward::sparse::Rules;
+use dropj::reward::{
+    Figures, Fitted, FittedVerdicts, HeldOut, RewardConfig, SparseConfig, fit_anew, fit_verdicts,
+    foretell_held_out, segment_rows, transition_row,
+};
+use dropj::session::{Event, Fit, SessionError, SessionStore};
 use dropj::world_model::WorldModel;
 
 use super::simulate::parse_weight;
@@ -37,6 +41,9 @@ pub(crate) struct Options {
     /// Also hold out this share of the answers, learn from the rest, and say how well those are foretold
     #[arg(long)]
     held_out: Option<f64>,
+    /// Learn from verdicts on transitions as ReQueST did, each network by itself and classes alike; else as DROPJ's authors
+    #[arg(long)]
+    apart: bool,
 }
 
 pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
@@ -61,12 +68,67 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
     if weights != now {
         store.record(Event::WeightsChanged { weights })?;
     }
-    let papers = RewardConfig::car_racing();
-    let config = RewardConfig { updates: options.updates.unwrap_or(papers.updates), ..papers };
     let started = Instant::now();
-    let fit = fit_reward(&mut store, &model, config, options.seed, options.held_out)?;
+    let fit = if store.session().protocol().is_sparse() {
+        let papers = sparse_config(store.session().protocol());
+        let (updates, held_out) = (options.updates, options.held_out);
+        let config = SparseConfig {
+            updates: updates.unwrap_or(papers.updates),
+            held_out: held_out.unwrap_or(papers.held_out),
+            rules: if options.apart { Rules::Apart } else { papers.rules },
+            ..papers
+        };
+        fit_sparse(&mut store, &model, config, options.seed)?
+    } else {
+        let papers = RewardConfig::car_racing();
+        let config = RewardConfig { updates: options.updates.unwrap_or(papers.updates), ..papers };
+        fit_reward(&mut store, &model, config, options.seed, options.held_out)?
+    };
     println!("{} labels, losses {:.4?}, {:.1} s", fit.n_labels, fit.losses, started.elapsed().as_secs_f64());
     Ok(())
+}
+
+/// How verdicts given under `protocol` are learned.
+pub(super) fn sparse_config(protocol: Protocol) -> SparseConfig {
+    if protocol == Protocol::Request { SparseConfig::request() } else { SparseConfig::dros() }
+}
+
+/// Fits a fresh classifier to every verdict of the session and keeps it there.
+pub(super) fn fit_sparse(
+    store: &mut SessionStore,
+    model: &WorldModel,
+    config: SparseConfig,
+    seed: u64,
+) -> anyhow::Result<Fit> {
+    // Batches are small: a second thread would mostly be waited for.
+    tch::set_num_threads(1);
+    let judged = store.session().judged();
+    anyhow::ensure!(!judged.is_empty(), "there are no verdicts to learn from");
+    let mut dreams = BTreeMap::new();
+    let row = |transition: Transition| {
+        let (actions, features) = match dreams.entry(transition.dream) {
+            btree_map::Entry::Occupied(read) => read.into_mut(),
+            btree_map::Entry::Vacant(unread) => {
+                let episode = store.dream(transition.dream)?;
+                let features = episode.features(model);
+                unread.insert((episode.actions, features))
+            }
+        };
+        Ok::<_, SessionError>(transition_row(features, actions, transition.step))
+    };
+    let mut epochs = 0;
+    let fitted = fit_verdicts(model, config, seed, &judged, row, |report| {
+        epochs = report.epoch as u32;
+        ControlFlow::Continue(())
+    })?;
+    let FittedVerdicts { reward, losses, held_out } = fitted.context("the fit was broken off")?;
+    if let Some(HeldOut { n, loss, accuracy }) = held_out {
+        println!("of {n} verdicts held out: log-loss {loss:.3} nats, {:.0} % foretold", 100.0 * accuracy);
+    }
+    let (after, n_labels) = (store.session().n_entries(), judged.len());
+    let fit = Fit { after, n_labels, seed, epochs, losses, held_out: held_out.map(|held_out| held_out.loss) };
+    store.save_reward(&reward.parameters(), fit.clone())?;
+    Ok(fit)
 }
 
 /// Fits a fresh reward to every answer of the session and keeps it there.

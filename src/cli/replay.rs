@@ -64,7 +64,7 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
                 "fit {i} came to the losses {:?} when it was recorded, and to {losses:?} now",
                 fit.fitted.fit.losses
             );
-            println!("fit {i}: {} labels, losses {losses:.4?}, as recorded", fit.labels.len());
+            println!("fit {i}: {} labels, losses {losses:.4?}, as recorded", fit.n_labels());
         }
     }
     Ok(())

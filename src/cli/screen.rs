@@ -70,7 +70,7 @@ fn read(dir: &Path) -> anyhow::Result<Judged> {
         let signs = episode.signs(&model, || true).unwrap_or_else(|| unreachable!("nobody says no"));
         screen.know(id, &signs);
     }
-    Ok(Judged { screen, judged: session.judged() })
+    Ok(Judged { screen, judged: session.looked_at() })
 }
 
 /// The second half of what was judged, and a screen that knows what was said of the first.

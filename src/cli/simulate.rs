@@ -12,7 +12,7 @@ use dropj::simulate::annotator::Annotator;
 use dropj::simulate::run::{Answered, Progress, SimulateConfig, simulate};
 
 use super::refit::fit_reward;
-use super::{EnvName, models, names};
+use super::{EnvName, models, names, verdicts};
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct Options {
@@ -27,7 +27,8 @@ pub(crate) struct Options {
     /// chuckhole=1,grass=0.95,default=0.75
     #[arg(long, value_parser = parse_weight, value_delimiter = ',')]
     weights: Vec<(String, f32)>,
-    /// How many queries; those that are skipped count [default: the paper's 500, with obstacles 1000]
+    /// How many queries; those that are skipped count [default: the paper's 500, with obstacles 1000; of single
+    /// transitions 2205]
     #[arg(long)]
     queries: Option<usize>,
     /// How many answers are taken back and given again, evenly spread
@@ -108,7 +109,9 @@ fn parse_protocol(text: &str) -> Result<Protocol, String> {
         "drope" => Ok(Protocol::Drope),
         "dropj" => Ok(Protocol::Dropj),
         "dropj-multi" => Ok(Protocol::DropjMulti),
-        _ => Err("the protocols that can be simulated are drop, drope, dropj and dropj-multi".to_owned()),
+        "request" => Ok(Protocol::Request),
+        "dros" => Ok(Protocol::Dros),
+        _ => Err("the protocols are drop, drope, dropj, dropj-multi, request and dros".to_owned()),
     }
 }
 
@@ -147,6 +150,7 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
     header.world_model_path = relative(&options.out, &world);
     let mut store = SessionStore::create(&options.out, header)?;
 
+    let is_sparse = protocols[0].is_sparse();
     let papers = match env {
         EnvName::CarRacing => SimulateConfig::car_racing(protocols[0], options.seed),
         _ => SimulateConfig::obstacle_car_racing(protocols[0], options.seed),
@@ -154,7 +158,7 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
     let config = SimulateConfig {
         protocols,
         justifications,
-        n_queries: options.queries.unwrap_or(papers.n_queries),
+        n_queries: options.queries.unwrap_or(if is_sparse { verdicts::N_QUERIES } else { papers.n_queries }),
         n_dreams: options.dreams.unwrap_or(papers.n_dreams),
         dream_steps: options.steps,
         annotator: options.knobs.annotator(),
@@ -170,7 +174,7 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
     );
     let started = Instant::now();
     let mut said = Instant::now();
-    let simulated = simulate(&model, &probe, &config, model.starts(), &mut |progress| {
+    let on_progress = &mut |progress| {
         if said.elapsed().as_secs() >= 5 {
             said = Instant::now();
             match progress {
@@ -180,8 +184,12 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
             }
         }
         ControlFlow::Continue(())
-    })
-    .context("the simulation was broken off")?;
+    };
+    if config.protocols.iter().any(|protocol| protocol.is_sparse()) {
+        return verdicts::run(store, &model, &probe, &config, on_progress);
+    }
+    let simulated = simulate(&model, &probe, &config, model.starts(), on_progress)
+        .context("the simulation was broken off")?;
     for dream in &simulated.dreams {
         store.save_dream(dream, DreamSource::Simulated)?;
     }

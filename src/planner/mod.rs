@@ -5,6 +5,7 @@
 pub mod agent;
 pub mod candidates;
 pub mod co_driver;
+pub mod synthesis;
 
 use rand::Rng;
 use serde::{Deserialize, Serialize};
@@ -40,6 +41,11 @@ impl PlannerConfig {
     /// The authors' values for Car Racing.
     pub fn car_racing() -> Self {
         Self { horizon: 15, replan: 4, brake: 0.2, temperature: 0.1, memory_reset: Some(50) }
+    }
+
+    /// The same for a reward that was learned from single transitions: it looks 25 steps ahead.
+    pub fn for_transitions(self) -> Self {
+        Self { horizon: 25, ..self }
     }
 
     /// The authors' values for Obstacle Car Racing with chuckholes and other cars.

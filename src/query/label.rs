@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::query::{Justifications, Preference, Response, SafetyAnswer};
+use crate::query::{Justifications, Preference, Response, SafetyAnswer, Verdict};
 
 /// The target probability that the left segment is better, μ in `[0, 1]`.
 #[derive(Clone, Copy, Debug, PartialEq, PartialOrd, Serialize, Deserialize)]
@@ -78,7 +78,8 @@ impl Weights {
     /// ```
     pub fn label(&self, response: &Response) -> Option<Label> {
         match *response {
-            Response::Skipped(_) => None,
+            // A verdict names a class, and no probability of being better.
+            Response::Skipped(_) | Response::Judged(_) => None,
             Response::Preferred(preference) => Some(Label::weighted(1.0, preference)),
             Response::Safety(answer) => Some(match answer {
                 SafetyAnswer::OnlyLeft => Label::weighted(self.safety, Preference::Left),
@@ -103,6 +104,9 @@ impl Weights {
     pub fn say(&self, response: &Response) -> String {
         let why = match *response {
             Response::Skipped(_) => return "skipped: nothing is learned from it".to_owned(),
+            Response::Judged(Verdict::Unsafe) => return "−1: unsafe, off the road".to_owned(),
+            Response::Judged(Verdict::Neutral) => return "0: neither good nor unsafe".to_owned(),
+            Response::Judged(Verdict::Good) => return "+10: good, a new piece of road".to_owned(),
             Response::Preferred(Preference::Left) => "left is better".to_owned(),
             Response::Preferred(Preference::Right) => "right is better".to_owned(),
             Response::Preferred(Preference::Equal) => "neither is better".to_owned(),

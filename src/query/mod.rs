@@ -9,12 +9,14 @@ pub mod label;
 pub mod response;
 pub mod segment;
 pub mod strategy;
+pub mod transition;
 
 pub use justification::{Justification, JustificationError, Justifications};
 pub use label::{Label, Weights};
 pub use response::{Preference, Protocol, Response, SafetyAnswer, SkipReason};
 pub use segment::{DreamId, Query, QueryId, SEGMENT_LEN, SegmentRef, sample_queries};
 pub use strategy::{Mix, Strategy};
+pub use transition::{JudgedTransition, TRAJECTORY_LEN, Transition, Verdict, sample_trajectory};
 
 /// A query together with what its answer means: the triple (σ⁰, σ¹, μ) of the paper, by reference.
 #[derive(Clone, Copy, Debug, PartialEq)]

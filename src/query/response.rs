@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::query::Justification;
+use crate::query::{Justification, Verdict};
 
 /// Which questions are asked (method §7).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
@@ -17,11 +17,16 @@ pub enum Protocol {
     Dropj,
     /// The most severe justification that applies, and a preference (Eq. 2).
     DropjMulti,
+    /// A verdict on each transition of trajectories that were made to be worth asking about.
+    Request,
+    /// A verdict on each transition of trajectories that the user dreamed.
+    Dros,
 }
 
 impl Protocol {
     /// All of them, in the order of the paper.
-    pub const ALL: [Self; 4] = [Self::Drop, Self::Drope, Self::Dropj, Self::DropjMulti];
+    pub const ALL: [Self; 6] =
+        [Self::Drop, Self::Drope, Self::Dropj, Self::DropjMulti, Self::Request, Self::Dros];
 
     /// What a session in the environment of this name asks where nothing else is said.
     pub fn of_env(env: &str) -> Self {
@@ -35,7 +40,14 @@ impl Protocol {
             Self::Drope => "DROPe",
             Self::Dropj => "DROPJ",
             Self::DropjMulti => "DROPJ (multiple)",
+            Self::Request => "ReQueST",
+            Self::Dros => "DROS",
         }
+    }
+
+    /// Whether it asks about single transitions; the others ask about pairs of clips.
+    pub fn is_sparse(self) -> bool {
+        matches!(self, Self::Request | Self::Dros)
     }
 
     /// Whether `response` is one that this protocol asks for.
@@ -46,6 +58,7 @@ impl Protocol {
             Response::Preferred(_) => matches!(self, Self::Drop | Self::Drope),
             Response::Safety(_) => self == Self::Dropj,
             Response::Justified(..) => self == Self::DropjMulti,
+            Response::Judged(_) => self.is_sparse(),
         }
     }
 }
@@ -125,6 +138,8 @@ pub enum Response {
     Safety(SafetyAnswer),
     /// Named the most severe justification that applies, and a preference: DROPJ with several justifications.
     Justified(Justification, Preference),
+    /// Said what a transition is worth: ReQueST and DROS.
+    Judged(Verdict),
 }
 
 impl Response {
@@ -137,6 +152,7 @@ impl Response {
             Self::Justified(justification, preference) => {
                 Self::Justified(justification, preference.mirrored())
             }
+            Self::Judged(verdict) => Self::Judged(verdict),
         }
     }
 }

@@ -6,7 +6,10 @@ mod disagreement;
 pub mod figures;
 pub mod fit;
 pub mod frozen;
+pub mod learned;
 pub mod recipe;
+pub mod sparse;
+pub mod verdicts;
 
 use rand::{Rng, SeedableRng as _};
 use rand_chacha::ChaCha8Rng;
@@ -20,7 +23,10 @@ use crate::world_model::fast_kind;
 pub use figures::Figures;
 pub use fit::{EpochReport, SegmentPair, Trainer, segment_rows};
 pub use frozen::FrozenReward;
+pub use learned::LearnedReward;
 pub use recipe::{Fitted, fit_anew, foretell_held_out};
+pub use sparse::{SparseConfig, SparseReward, transition_row};
+pub use verdicts::{FittedVerdicts, HeldOut, fit_verdicts};
 
 /// The most that a fit goes through all labels, as in the authors' code for Car Racing: few labels are soon known by heart.
 const MAX_EPOCHS: usize = 60;

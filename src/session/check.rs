@@ -2,7 +2,9 @@
 
 use std::path::{Component, Path};
 
-use crate::query::{DreamId, Query, QueryId, Response, SEGMENT_LEN, SegmentRef, Weights};
+use crate::query::{
+    DreamId, Query, QueryId, Response, SEGMENT_LEN, SegmentRef, TRAJECTORY_LEN, Transition, Weights,
+};
 use crate::session::error::Impossible;
 use crate::session::event::{Answer, Choice, Event};
 use crate::session::{Given, Session};
@@ -29,6 +31,9 @@ impl Session {
             }
             &Event::DreamRestored { dream } if !self.is_dropped(dream) => Err(Impossible::NotDropped(dream)),
             Event::Asked { query, left, right, choice } => self.check_asked(*query, [*left, *right], *choice),
+            &Event::AskedTransition { query, transition, choice } => {
+                self.check_transition(query, transition, choice)
+            }
             Event::Answered(answer) => self.check_answer(answer),
             Event::SkipExplained { query, .. } => match self.asked(*query)?.answer() {
                 Some(Given { answer: Answer { response: Response::Skipped(_), .. }, .. }) => Ok(()),
@@ -107,12 +112,40 @@ impl Session {
         Ok(())
     }
 
+    fn check_transition(
+        &self,
+        query: QueryId,
+        transition: Transition,
+        choice: Choice,
+    ) -> Result<(), Impossible> {
+        if query != self.next_query_id() {
+            return Err(Impossible::QueryNumber { found: query, next: self.queries.len() });
+        }
+        let len = self.dreams.get(transition.dream.0 as usize).map_or(0, |kept| kept.len);
+        let Transition { first, step, .. } = transition;
+        if len < SEGMENT_LEN || first > step || step - first > TRAJECTORY_LEN - 2 || step >= len - 1 {
+            return Err(Impossible::Transition(transition));
+        }
+        if let Choice::Again(of) = choice
+            && self.asked(of)?.transition != Some(transition)
+        {
+            return Err(Impossible::OtherSegments { query, of });
+        }
+        Ok(())
+    }
+
     fn check_answer(&self, answer: &Answer) -> Result<(), Impossible> {
-        let query = self.asked(answer.query)?.query.id;
+        let asked = self.asked(answer.query)?;
+        let query = asked.query.id;
+        let is_of_it = match answer.response {
+            Response::Skipped(_) => true,
+            Response::Judged(_) => asked.transition.is_some(),
+            _ => asked.transition.is_none(),
+        };
         if !matches!(answer.response, Response::Skipped(_)) {
             self.check_shown(query)?;
         }
-        if !self.protocol.permits(&answer.response) {
+        if !is_of_it || !self.protocol.permits(&answer.response) {
             return Err(Impossible::Response { query, protocol: self.protocol });
         }
         if let Response::Justified(justification, _) = answer.response

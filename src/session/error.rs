@@ -3,7 +3,7 @@
 use std::io;
 use std::path::{Path, PathBuf};
 
-use crate::query::{DreamId, Protocol, QueryId, SegmentRef};
+use crate::query::{DreamId, Protocol, QueryId, SegmentRef, Transition};
 use crate::reward::RewardError;
 use crate::tensor::ParametersError;
 use crate::world_model::WorldModelError;
@@ -55,6 +55,9 @@ pub enum Impossible {
     /// A segment does not lie in a dream of the session.
     #[error("the segment from step {} of dream {} lies outside it", .0.start, .0.dream.0)]
     Segment(SegmentRef),
+    /// A transition does not lie in a trajectory of a dream of the session.
+    #[error("the transition from step {} of dream {} lies outside its trajectory", .0.step, .0.dream.0)]
+    Transition(Transition),
     /// A query is said to repeat one that shows something else.
     #[error("query {} repeats query {}, which shows other segments", .query.0, .of.0)]
     OtherSegments {

@@ -2,7 +2,9 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::query::{DreamId, Protocol, QueryId, Response, SegmentRef, SkipReason, Strategy, Weights};
+use crate::query::{
+    DreamId, Protocol, QueryId, Response, SegmentRef, SkipReason, Strategy, Transition, Weights,
+};
 
 /// One thing that happened.
 ///
@@ -31,6 +33,15 @@ pub enum Event {
         left: SegmentRef,
         /// Its right segment.
         right: SegmentRef,
+        /// Why this one.
+        choice: Choice,
+    },
+    /// A transition was chosen, and will be shown.
+    AskedTransition {
+        /// Its number: how many queries were asked before.
+        query: QueryId,
+        /// Which one.
+        transition: Transition,
         /// Why this one.
         choice: Choice,
     },
@@ -125,6 +136,8 @@ pub enum DreamSource {
     User,
     /// A stand-in for one.
     Simulated,
+    /// Nobody: its actions were made such that its transitions are worth asking about.
+    Synthesized,
 }
 
 /// Why a query was asked.
@@ -259,7 +272,7 @@ impl Entry {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::query::{Justification, Preference, SafetyAnswer};
+    use crate::query::{Justification, Preference, SafetyAnswer, Verdict};
 
     fn one_of_each() -> Vec<Event> {
         let query = QueryId(1);
@@ -305,6 +318,12 @@ mod tests {
             Event::DreamDropped { dream: DreamId(0) },
             Event::DreamRestored { dream: DreamId(0) },
             Event::ScreenChanged { held_back: 10 },
+            Event::AskedTransition {
+                query,
+                transition: Transition { dream: DreamId(2), first: 412, step: 431 },
+                choice: Choice::Uniform,
+            },
+            answered(Response::Judged(Verdict::Unsafe)),
         ]
     }
 
@@ -336,6 +355,8 @@ mod tests {
         {"event":"dream_dropped","dream":0,"seq":17,"at":1795342500000}
         {"event":"dream_restored","dream":0,"seq":18,"at":1795342500000}
         {"event":"screen_changed","held_back":10,"seq":19,"at":1795342500000}
+        {"event":"asked_transition","query":1,"transition":{"dream":2,"first":412,"step":431},"choice":"uniform","seq":20,"at":1795342500000}
+        {"event":"answered","query":1,"response":{"judged":"unsafe"},"secs":4.2,"loops":1,"annotator":"anna","sides_swapped":false,"seq":21,"at":1795342500000}
         "#);
     }
 

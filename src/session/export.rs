@@ -2,9 +2,9 @@
 
 use std::fmt::Write as _;
 
-use crate::query::{Preference, Query, Response, SafetyAnswer, SkipReason, Weights};
+use crate::query::{Preference, Response, SafetyAnswer, SkipReason, Verdict, Weights};
 use crate::session::event::Choice;
-use crate::session::{Given, Session};
+use crate::session::{AskedQuery, Given, Session};
 
 /// The answers that count, skips among them, in the order of answering: what was said, and μ by the present weights.
 ///
@@ -14,17 +14,19 @@ use crate::session::{Given, Session};
 pub fn labels_csv(session: &Session) -> String {
     let mut csv = String::from(
         "query,left_dream,left_start,right_dream,right_start,choice,protocol,skipped,left_safe,right_safe,justification,\
-         preference,mu,secs,loops,annotator,sides_swapped,left_unsafe_from,right_unsafe_from,at\n",
+         preference,mu,secs,loops,annotator,sides_swapped,left_unsafe_from,right_unsafe_from,at,\
+         step,verdict\n",
     );
     for given in session.answers() {
         if let Some(asked) = session.query(given.answer.query) {
-            write_row(&mut csv, asked.query, asked.choice, given, session.weights());
+            write_row(&mut csv, asked, given, session.weights());
         }
     }
     csv
 }
 
-fn write_row(csv: &mut String, query: Query, choice: Choice, given: &Given, weights: &Weights) {
+fn write_row(csv: &mut String, asked: &AskedQuery, given: &Given, weights: &Weights) {
+    let &AskedQuery { query, transition, choice, .. } = asked;
     let Given { answer, protocol, at, .. } = given;
     let is_again = matches!(choice, Choice::Again(_));
     let choice = match choice {
@@ -46,6 +48,12 @@ fn write_row(csv: &mut String, query: Query, choice: Choice, given: &Given, weig
         choice,
         protocol.name().to_owned(),
     ];
+    let verdict = match answer.response {
+        Response::Judged(Verdict::Unsafe) => "unsafe",
+        Response::Judged(Verdict::Neutral) => "neutral",
+        Response::Judged(Verdict::Good) => "good",
+        _ => "",
+    };
     let said = said(answer.response, weights);
     let how = [
         mu,
@@ -56,6 +64,8 @@ fn write_row(csv: &mut String, query: Query, choice: Choice, given: &Given, weig
         step(answer.left_unsafe_from),
         step(answer.right_unsafe_from),
         at.to_string(),
+        step(transition.map(|transition| transition.step)),
+        verdict.to_owned(),
     ];
     let row = [&fields[..], &said[..], &how[..]].concat().join(",");
     writeln!(csv, "{row}").unwrap_or_else(|_| unreachable!("a string takes all"));
@@ -82,6 +92,7 @@ fn said(response: Response, weights: &Weights) -> [String; 5] {
             };
             [reason, "", "", "", ""]
         }
+        Response::Judged(_) => [""; 5],
         Response::Preferred(preference) => ["", "", "", "", preferred(preference)],
         Response::Safety(SafetyAnswer::OnlyLeft) => ["", "true", "false", "", ""],
         Response::Safety(SafetyAnswer::OnlyRight) => ["", "false", "true", "", ""],

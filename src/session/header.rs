@@ -11,9 +11,9 @@ use crate::session::{Session, arrays};
 
 /// The format of sessions that this program writes; it reads those before it too, for it only added events.
 ///
-/// 2: `protocol_changed` and `skip_explained`. 3: `dream_dropped` and `dream_restored`, and who drove in `dream_kept`.
-/// 4: `screen_changed`.
-pub const FORMAT: u32 = 4;
+/// 2: `protocol_changed` and `skip_explained`. 3: `dream_dropped` and `dream_restored`, who drove in `dream_kept`,
+/// `screen_changed`, `asked_transition`, and verdicts.
+pub const FORMAT: u32 = 3;
 
 /// The name of its file in the session's folder.
 pub(crate) const FILE: &str = "session.json";
@@ -94,6 +94,8 @@ impl Header {
             Protocol::Drope => "drope",
             Protocol::Dropj => "dropj",
             Protocol::DropjMulti => "dropj-multi",
+            Protocol::Request => "request",
+            Protocol::Dros => "dros",
         };
         let secs = self.created_at / 1000;
         let (year, month, day) = civil(secs / 86_400);

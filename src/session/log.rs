@@ -100,7 +100,7 @@ impl Log {
     pub fn append(&mut self, event: Event, at: u64) -> Result<Entry, SessionError> {
         let entry = Entry { event, seq: self.n_lines, at };
         let line = entry.to_line() + "\n";
-        let can_wait = matches!(entry.event, Event::Asked { .. });
+        let can_wait = matches!(entry.event, Event::Asked { .. } | Event::AskedTransition { .. });
         self.write(line.as_bytes(), !can_wait)
             .map_err(SessionError::disk("write to the session log", &self.path))?;
         self.n_lines += 1;

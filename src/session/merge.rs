@@ -3,7 +3,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
-use crate::query::{DreamId, QueryId, SegmentRef, Weights};
+use crate::query::{DreamId, QueryId, SegmentRef, Transition, Weights};
 use crate::session::error::SessionError;
 use crate::session::event::{Choice, Event, KeptDream};
 use crate::session::header::Header;
@@ -126,6 +126,10 @@ fn append(merged: &mut SessionStore, reading: &Reading, dir: &Path) -> Result<()
             Event::Asked { query, left, right, choice } => {
                 let choice = if let Choice::Again(of) = choice { Choice::Again(on(of)) } else { choice };
                 Event::Asked { query: on(query), left: at(left), right: at(right), choice }
+            }
+            Event::AskedTransition { query, transition, choice } => {
+                let transition = Transition { dream: dreams[&transition.dream], ..transition };
+                Event::AskedTransition { query: on(query), transition, choice }
             }
             Event::Answered(answer) => {
                 let query = on(answer.query);

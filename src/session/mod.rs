@@ -33,7 +33,8 @@ pub mod store;
 use std::collections::{BTreeMap, BTreeSet};
 
 use crate::query::{
-    DreamId, LabeledQuery, Protocol, Query, QueryId, Response, SegmentRef, SkipReason, Weights,
+    DreamId, JudgedTransition, LabeledQuery, Protocol, Query, QueryId, Response, SegmentRef, SkipReason,
+    Transition, Weights,
 };
 
 pub use annotators::{AnnotatorReport, Annotators, share_dreams};
@@ -64,8 +65,10 @@ pub struct Given {
 /// A query and what became of it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct AskedQuery {
-    /// What was shown.
+    /// What was shown; of a transition the clip around it, on both sides.
     pub query: Query,
+    /// The transition that is asked about, where it is not a pair of clips.
+    pub transition: Option<Transition>,
     /// Why this.
     pub choice: Choice,
     /// Whether it is marked for a second look.
@@ -147,9 +150,11 @@ impl Session {
             Event::DreamDropped { dream } => drop(self.dropped.insert(*dream)),
             Event::DreamRestored { dream } => drop(self.dropped.remove(dream)),
             &Event::Asked { query: id, left, right, choice } => {
-                let query = Query { id, left, right };
-                let (given, retracted) = (Vec::new(), Vec::new());
-                self.queries.push(AskedQuery { query, choice, is_flagged: false, given, retracted });
+                self.ask(Query { id, left, right }, None, choice);
+            }
+            &Event::AskedTransition { query: id, transition, choice } => {
+                let clip = transition.clip(self.dreams[transition.dream.0 as usize].len);
+                self.ask(Query { id, left: clip, right: clip }, Some(transition), choice);
             }
             Event::Answered(answer) => {
                 *self.active_secs.entry(answer.annotator.clone()).or_default() +=
@@ -184,6 +189,11 @@ impl Session {
         self.n_entries += 1;
         self.last_at = Some(entry.at);
         Ok(())
+    }
+
+    fn ask(&mut self, query: Query, transition: Option<Transition>, choice: Choice) {
+        let (given, retracted) = (Vec::new(), Vec::new());
+        self.queries.push(AskedQuery { query, transition, choice, is_flagged: false, given, retracted });
     }
 
     fn asked(&self, query: QueryId) -> Result<&AskedQuery, Impossible> {
@@ -289,18 +299,18 @@ impl Session {
         Some(LabeledQuery { query: asked.query, label })
     }
 
-    /// The pairs that were judged, and whether they were skipped because they did not look like the world.
+    /// The pairs that were looked at, and whether they were skipped because they did not look like the world.
     ///
     /// A skip without a reason may be anything, and is left out.
-    pub fn judged(&self) -> Vec<([SegmentRef; 2], bool)> {
-        let judged = self.queries.iter().filter_map(|asked| {
+    pub fn looked_at(&self) -> Vec<([SegmentRef; 2], bool)> {
+        let looked_at = self.queries.iter().filter(|asked| asked.transition.is_none()).filter_map(|asked| {
             let is_bad = match asked.answer()?.answer.response {
                 Response::Skipped(None | Some(SkipReason::Other)) => return None,
                 response => response == Response::Skipped(Some(SkipReason::Hallucinated)),
             };
             Some(([asked.query.left, asked.query.right], is_bad))
         });
-        judged.collect()
+        looked_at.collect()
     }
 
     /// How many of a hundred pairs are held back for being the most doubtful.
@@ -313,6 +323,16 @@ impl Session {
         let in_use = self.dreams.iter().filter(|kept| !self.is_dropped(kept.dream));
         let marks = in_use.flat_map(|kept| kept.marks.iter().map(|mark| (kept.dream, *mark)));
         marks.collect()
+    }
+
+    /// The transitions that a verdict was given on, in the order of answering.
+    pub fn judged(&self) -> Vec<JudgedTransition> {
+        let judged = |given: &&Given| -> Option<JudgedTransition> {
+            let Response::Judged(verdict) = given.answer.response else { return None };
+            let transition = self.query(given.answer.query)?.transition?;
+            Some(JudgedTransition { query: given.answer.query, transition, verdict })
+        };
+        self.answers().iter().filter_map(judged).collect()
     }
 
     /// The rewards that were learned, the last one last.

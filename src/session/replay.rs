@@ -5,8 +5,8 @@ use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 
 use crate::dream::{DreamEpisode, Rows};
-use crate::query::{DreamId, LabeledQuery, SEGMENT_LEN, SegmentRef};
-use crate::reward::{RewardEnsemble, fit_anew, segment_rows};
+use crate::query::{DreamId, JudgedTransition, LabeledQuery, SEGMENT_LEN, SegmentRef, Transition};
+use crate::reward::{RewardEnsemble, SparseReward, fit_anew, fit_verdicts, segment_rows, transition_row};
 use crate::session::error::SessionError;
 use crate::session::header::Header;
 use crate::session::look::{self, Look, Looks};
@@ -43,14 +43,23 @@ pub struct ReplayedFit {
     pub fitted: FittedReward,
     /// The labels of the session as it was when the fit began, in the order of asking.
     pub labels: Vec<LabeledQuery>,
+    /// The verdicts on transitions as they were then, in the order of asking.
+    pub judged: Vec<JudgedTransition>,
+    /// Whether it was learned from those.
+    pub is_sparse: bool,
 }
 
 impl ReplayedFit {
+    /// How many labels or verdicts it was learned from.
+    pub fn n_labels(&self) -> usize {
+        if self.is_sparse { self.judged.len() } else { self.labels.len() }
+    }
+
     /// Whether the log tells of as many labels, and of losses within [`REFIT_TOLERANCE`] of `losses`.
     pub fn agrees(&self, losses: &[f32]) -> bool {
         let fit = &self.fitted.fit;
         let mut pairs = fit.losses.iter().zip(losses);
-        fit.n_labels == self.labels.len()
+        fit.n_labels == self.n_labels()
             && fit.losses.len() == losses.len()
             && pairs.all(|(then, now)| (then - now).abs() <= REFIT_TOLERANCE)
     }
@@ -75,7 +84,7 @@ pub fn replay(dir: &Path, model: &WorldModel) -> Result<Replay, SessionError> {
             clips.insert((kept.dream, start), Look::of(&frames));
         }
     }
-    let fits = fits(&reading.header, &reading.contents, &session);
+    let fits = fits(dir, &reading.header, &reading.contents, &session);
     let (dir, torn) = (dir.to_owned(), reading.contents.torn);
     Ok(Replay { dir, header: reading.header, session, torn, clips, fits })
 }
@@ -104,32 +113,60 @@ impl Replay {
     /// The shape of the ensemble is that of the saved one; generator, labels and their order are those of the log.
     pub fn refit(&self, model: &WorldModel, replayed: &ReplayedFit) -> Result<Vec<f32>, SessionError> {
         let (path, parameters) = read_parameters(&self.dir, &replayed.fitted)?;
-        let saved = RewardEnsemble::load(&parameters).map_err(|met| SessionError::Reward { met, path })?;
-        let mut dreams: BTreeMap<DreamId, (DreamEpisode, Rows)> = BTreeMap::new();
-        let rows = |segment: SegmentRef| {
-            let (episode, features) = match dreams.entry(segment.dream) {
-                btree_map::Entry::Occupied(read) => read.into_mut(),
-                btree_map::Entry::Vacant(unread) => {
-                    let episode = read_dream(&self.dir, &self.session, segment.dream)?;
-                    let features = episode.features(model);
-                    unread.insert((episode, features))
-                }
+        let wrong = |met| SessionError::Reward { met, path: path.clone() };
+        let mut dreams = Dreams { replay: self, model, read: BTreeMap::new() };
+        let seed = replayed.fitted.fit.seed;
+        if replayed.is_sparse {
+            let config = SparseReward::load(&parameters).map_err(wrong)?.config().clone();
+            let row = |transition: Transition| {
+                let (episode, features) = dreams.get(transition.dream)?;
+                Ok::<_, SessionError>(transition_row(features, &episode.actions, transition.step))
             };
+            let fitted =
+                fit_verdicts(model, config, seed, &replayed.judged, row, |_| ControlFlow::Continue(()))?;
+            return Ok(fitted.expect("nobody stops this fit").losses);
+        }
+        let config = RewardEnsemble::load(&parameters).map_err(wrong)?.config().clone();
+        let rows = |segment: SegmentRef| {
+            let (episode, features) = dreams.get(segment.dream)?;
             Ok::<_, SessionError>(segment_rows(features, &episode.actions, segment))
         };
-        let (config, seed) = (saved.config().clone(), replayed.fitted.fit.seed);
         let fitted = fit_anew(model, config, seed, &replayed.labels, rows, |_| ControlFlow::Continue(()))?;
         Ok(fitted.expect("nobody stops this fit").losses)
     }
 }
 
-fn fits(header: &Header, contents: &log::Contents, session: &Session) -> Vec<ReplayedFit> {
+/// The dreams of a session, each read when it is first needed.
+struct Dreams<'a> {
+    replay: &'a Replay,
+    model: &'a WorldModel,
+    read: BTreeMap<DreamId, (DreamEpisode, Rows)>,
+}
+
+impl Dreams<'_> {
+    fn get(&mut self, id: DreamId) -> Result<&(DreamEpisode, Rows), SessionError> {
+        Ok(match self.read.entry(id) {
+            btree_map::Entry::Occupied(read) => read.into_mut(),
+            btree_map::Entry::Vacant(unread) => {
+                let episode = read_dream(&self.replay.dir, &self.replay.session, id)?;
+                let features = episode.features(self.model);
+                unread.insert((episode, features))
+            }
+        })
+    }
+}
+
+fn fits(dir: &Path, header: &Header, contents: &log::Contents, session: &Session) -> Vec<ReplayedFit> {
     let replayed = |fitted: &FittedReward| {
         let before = header.session().folded(&contents.entries[..fitted.fit.after as usize]);
         let before = before.unwrap_or_else(|(_, e)| unreachable!("the whole log was folded: {e}"));
         let mut labels = before.labeled();
         labels.sort_by_key(|labeled| labeled.query.id);
-        ReplayedFit { fitted: fitted.clone(), labels }
+        let mut judged = before.judged();
+        judged.sort_by_key(|judged| judged.query);
+        // One that cannot be read is told of where it is learned again.
+        let is_sparse = read_parameters(dir, fitted).is_ok_and(|(_, saved)| SparseReward::is_in(&saved));
+        ReplayedFit { fitted: fitted.clone(), labels, judged, is_sparse }
     };
     session.fits().iter().map(replayed).collect()
 }

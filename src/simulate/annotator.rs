@@ -154,6 +154,8 @@ impl Annotator {
         let [left_safe, right_safe] =
             [left.is_safe() != luck.misjudges[0], right.is_safe() != luck.misjudges[1]];
         match protocol {
+            // They ask about transitions, each by itself: see `verdict`.
+            Protocol::Request | Protocol::Dros => Response::Skipped(Some(SkipReason::Other)),
             Protocol::Drop => match self.prefer(payoffs, luck) {
                 Preference::Equal => Response::Skipped(Some(SkipReason::Ambiguous)),
                 strict => Response::Preferred(strict),

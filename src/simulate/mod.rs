@@ -13,9 +13,11 @@ pub mod player;
 pub mod probe;
 pub mod record;
 pub mod run;
+pub mod verdicts;
 
 pub use annotator::{Annotator, Judgement};
 pub use fit_probe::{FitProbeConfig, ProbeErrors, ProbeFit, fit_probe};
 pub use player::DreamPlayer;
 pub use probe::{Probe, ProbeConfig, Sight};
 pub use run::{Answered, SimulateConfig, Simulated, simulate};
+pub use verdicts::{AnsweredTransition, SimulatedVerdicts, simulate_dros, simulate_request};

@@ -1,7 +1,13 @@
 //! What is done with queries: asking, answering, and taking back.
 
-use crate::query::{Preference, Protocol, Query, QueryId, Response, SEGMENT_LEN, SafetyAnswer, SkipReason};
-use crate::session::{Answer, Event, Session};
+use rand::SeedableRng as _;
+use rand_chacha::ChaCha8Rng;
+
+use crate::query::{
+    JudgedTransition, Preference, Protocol, Query, QueryId, Response, SEGMENT_LEN, SafetyAnswer, SkipReason,
+    sample_trajectory,
+};
+use crate::session::{Answer, Choice, Event, Session};
 use crate::ui::App;
 use crate::ui::choosing::is_held_back;
 use crate::ui::command::{Command, Field};
@@ -16,7 +22,7 @@ const SPEEDS: [f64; 7] = [5.0, 10.0, 15.0, 25.0, 35.0, 50.0, 100.0];
 impl App {
     pub(super) fn change_protocol(&mut self, protocol: Protocol) {
         if protocol != self.state.protocol() && self.record(Event::ProtocolChanged { protocol }) {
-            self.next_query(self.state.label.revisited);
+            self.next_query(self.state.label.revisited.filter(|query| self.state.is_asked_now(*query)));
         }
     }
 
@@ -34,10 +40,7 @@ impl App {
             Command::Undo => self.undo(),
             Command::Redo => self.redo(),
             Command::Flag => self.flag(),
-            Command::Revisit(id) => {
-                (label.revisited, label.said, label.skipped) = (Some(id), None, None);
-                label.guided.clear();
-            }
+            Command::Revisit(id) => self.revisit(id),
             Command::Budget(budget) => label.budget = budget,
             Command::BreakAfter(minutes) => label.break_minutes = minutes,
             Command::PutOffBreak => label.pace.put_off(label.break_minutes),
@@ -45,7 +48,10 @@ impl App {
             Command::ScrubClips(playhead) => {
                 (label.playhead, label.is_standing) = (playhead.clamp(0.0, SEGMENT_LEN as f64 - 0.01), true);
             }
-            Command::RestartClips => (label.playhead, label.is_standing) = (0.0, false),
+            Command::RestartClips => {
+                label.is_standing = false;
+                self.state.label.playhead = self.state.span().start;
+            }
             Command::PauseClips => label.is_standing = !label.is_standing,
             Command::StepClips(n) => {
                 label.is_standing = true;
@@ -87,6 +93,16 @@ impl App {
         self.teach(query);
     }
 
+    fn revisit(&mut self, id: QueryId) {
+        if !self.state.is_asked_now(id) {
+            return self
+                .note("this was asked under another protocol: choose that to answer it again".to_owned());
+        }
+        let label = &mut self.state.label;
+        (label.revisited, label.said, label.skipped) = (Some(id), None, None);
+        label.guided.clear();
+    }
+
     /// Who answers.
     pub(super) fn annotator(&self) -> String {
         let typed = self.state.field(Field::Annotator).trim();
@@ -106,8 +122,9 @@ impl App {
         let current = self.state.current().map(|query| query.id);
         let label = &mut self.state.label;
         label.shown = current.filter(|id| label.pairs.contains_key(id)).map(|id| (id, self.state.now));
-        (label.playhead, label.loops, label.is_standing) = (0.0, 0, false);
+        (label.loops, label.is_standing) = (0, false);
         label.pace.begin(self.state.now);
+        self.state.label.playhead = self.state.span().start;
     }
 
     fn answer_guided(&mut self, is_safe: bool) {
@@ -147,7 +164,7 @@ impl App {
         }
         (self.state.label.said, self.state.label.skipped) = (None, None);
         self.teach(query);
-        self.next_query(Some(query));
+        self.next_query(Some(query).filter(|query| self.state.is_asked_now(*query)));
     }
 
     fn redo(&mut self) {
@@ -172,15 +189,24 @@ impl App {
         if asked.repeats().is_some() {
             return;
         }
-        let command = match session.label_of(query, session.weights()) {
-            Some(labeled) => TrainerCommand::Learn(labeled.query, labeled.label),
-            None => TrainerCommand::Forget(query),
+        let said = asked.answer().map(|given| given.answer.response);
+        let command = match (session.label_of(query, session.weights()), said, asked.transition) {
+            (Some(labeled), ..) => TrainerCommand::Learn(labeled.query, labeled.label),
+            (None, Some(Response::Judged(verdict)), Some(transition)) => {
+                TrainerCommand::Judge(JudgedTransition { query, transition, verdict })
+            }
+            _ => TrainerCommand::Forget(query),
         };
         self.crew.send(Order::Trainer(command));
     }
 
     /// Draws queries and has their clips drawn before they are needed.
     pub(super) fn ask(&mut self) {
+        let missing = N_AHEAD.saturating_sub(self.state.upcoming().len());
+        if self.state.protocol().is_sparse() {
+            self.ask_transitions(missing);
+            return self.decode_ahead();
+        }
         while self.state.now >= self.state.label.ask_again_at {
             // Those that are held back come last, so others are drawn before them.
             let is_good = |query: &&Query| !is_held_back(&self.state, query);
@@ -195,6 +221,34 @@ impl App {
                 self.state.label.ask_again_at = self.state.now + 5.0;
             }
         }
+        self.decode_ahead();
+    }
+
+    /// Draws the transitions that come next: those that follow the last one, then another trajectory.
+    fn ask_transitions(&mut self, n: usize) {
+        for _ in 0..n {
+            let Some(store) = self.state.store.as_ref() else { return };
+            if self.state.now < self.state.label.ask_again_at {
+                return;
+            }
+            let session = store.session();
+            let (query, unreadable) = (session.next_query_id(), &self.state.label.unreadable);
+            let mut rng = ChaCha8Rng::seed_from_u64(store.header().seed);
+            rng.set_stream(u64::from(query.0));
+            let mut dreams = session.dream_lens();
+            dreams.retain(|(id, _)| !unreadable.contains(id));
+            let last = session.queries().iter().rev().find_map(|asked| asked.transition);
+            let len = |id| dreams.iter().find(|(other, _)| *other == id).map(|(_, len)| *len);
+            let next = last.and_then(|last| last.next(len(last.dream)?));
+            let Some(transition) = next.or_else(|| sample_trajectory(&dreams, &mut rng)) else { return };
+            if !self.record(Event::AskedTransition { query, transition, choice: Choice::Uniform }) {
+                self.state.label.ask_again_at = self.state.now + 5.0;
+            }
+        }
+    }
+
+    /// Has the clips of the next queries drawn.
+    fn decode_ahead(&mut self) {
         for query in self.state.upcoming().into_iter().take(N_AHEAD) {
             let label = &mut self.state.label;
             if !label.pairs.contains_key(&query.id) && !label.asked.contains(&query.id) {

@@ -143,7 +143,7 @@ impl App {
 
     /// Learns what is doubtful from what was skipped so far.
     pub(super) fn learn_doubt(&mut self) {
-        let Some(judged) = self.state.session().map(Session::judged) else { return };
+        let Some(judged) = self.state.session().map(Session::looked_at) else { return };
         self.state.label.screen.learn(&judged);
     }
 

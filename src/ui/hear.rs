@@ -5,7 +5,7 @@ use std::time::{Duration, Instant};
 use eframe::egui::{Context, TextureHandle};
 
 use crate::dream::DreamEpisode;
-use crate::query::{Preference, Protocol, QueryId, Response, SEGMENT_LEN, SafetyAnswer};
+use crate::query::{Preference, Protocol, QueryId, Response, SEGMENT_LEN, SafetyAnswer, Verdict};
 use crate::session::{DreamJournal, DreamSource, Fit};
 use crate::tensor::Parameters;
 use crate::ui::App;
@@ -292,18 +292,21 @@ impl App {
         let ready = current.filter(|id| label.pairs.contains_key(id));
         if label.shown.map(|(id, _)| id) != ready {
             label.shown = ready.map(|id| (id, now));
-            (label.playhead, label.loops, label.is_standing) = (0.0, 0, false);
+            (label.loops, label.is_standing) = (0, false);
             label.pace.begin(now);
+            self.state.label.playhead = self.state.span().start;
         }
+        let span = self.state.span();
+        let label = &mut self.state.label;
         if ready.is_some() {
             label.pace.pass(now, ctx.input(|input| input.focused));
         }
         if ready.is_some() && !label.is_standing && !label.pace.is_away(now) {
             let dt = f64::from(ctx.input(|input| input.stable_dt)).min(0.25);
             label.playhead += dt * label.speed;
-            let end = SEGMENT_LEN as f64 + REST;
+            let end = span.end + REST;
             if label.playhead >= end {
-                label.playhead %= end;
+                label.playhead = span.start + (label.playhead - end) % (end - span.start);
                 label.loops += 1;
             }
         }
@@ -421,6 +424,11 @@ fn label_command(state: &State, button: PadButton) -> Option<Command> {
         return Some(Command::Answer(Response::Safety(answer)));
     }
     let response = match protocol {
+        Protocol::Request | Protocol::Dros => Response::Judged(match preference? {
+            Preference::Left => Verdict::Unsafe,
+            Preference::Equal => Verdict::Neutral,
+            Preference::Right => Verdict::Good,
+        }),
         Protocol::DropjMulti => {
             let justification = state.label.justification.unwrap_or(state.weights().justifications.default());
             Response::Justified(justification, preference?)

@@ -134,6 +134,9 @@ impl App {
                 }
             }
         }
+        for judged in store.session().judged() {
+            self.crew.send(Order::Trainer(TrainerCommand::Judge(judged)));
+        }
         for labeled in store.session().labeled() {
             self.crew.send(Order::Trainer(TrainerCommand::Learn(labeled.query, labeled.label)));
         }

@@ -1,6 +1,7 @@
 //! What the window shows: panels read it, only the app changes it.
 
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
+use std::ops::Range;
 use std::path::PathBuf;
 
 use eframe::egui::{TextureHandle, ThemePreference};
@@ -9,7 +10,7 @@ use crate::dream::{DreamEpisode, Screen};
 use crate::env::controls::{ControlConfig, Pad};
 use crate::env::{Action, Frame};
 use crate::evaluation::EpisodeMetrics;
-use crate::query::{DreamId, Justification, Protocol, Query, QueryId, Weights};
+use crate::query::{DreamId, Justification, Protocol, Query, QueryId, SEGMENT_LEN, Transition, Weights};
 use crate::session::{Annotators, DreamJournal, Header, Session, SessionStore, UnfinishedDream};
 use crate::tensor::Parameters;
 use crate::ui::beside::Besides;
@@ -283,6 +284,8 @@ pub(crate) struct Labeling {
 
 /// Frames a second at which clips are played at first: as they were driven.
 pub(crate) const NORMAL_SPEED: f64 = 25.0;
+/// Frames before the outcome of a transition that are played with it.
+const RUN_UP: usize = 7;
 /// Minutes of labeling after which a pause is suggested at first.
 pub(crate) const BREAK_MINUTES: u32 = 25;
 
@@ -437,7 +440,9 @@ impl State {
     pub(crate) fn upcoming(&self) -> Upcoming {
         let Some(session) = self.session() else { return Upcoming::new() };
         let revisited = self.label.revisited.and_then(|id| session.query(id)).map(|asked| asked.query);
-        let pending = session.pending().map(|asked| asked.query);
+        let is_sparse = session.protocol().is_sparse();
+        let pending = session.pending().filter(|asked| asked.transition.is_some() == is_sparse);
+        let pending = pending.map(|asked| asked.query);
         let is_shown = |query: &Query| {
             let dreams = [query.left.dream, query.right.dream];
             !dreams.iter().any(|dream| self.label.unreadable.contains(dream))
@@ -453,6 +458,34 @@ impl State {
     /// The query that is on the screen.
     pub(crate) fn current(&self) -> Option<Query> {
         self.upcoming().pop_front()
+    }
+
+    /// Whether a query is of the kind that is asked about now: a pair of clips, or a transition.
+    pub(crate) fn is_asked_now(&self, id: QueryId) -> bool {
+        let asked = self.session().and_then(|session| session.query(id));
+        asked.is_some_and(|asked| asked.transition.is_some() == self.protocol().is_sparse())
+    }
+
+    /// The transition that is on the screen, and the frame of its outcome.
+    pub(crate) fn shown_transition(&self) -> Option<(Transition, usize)> {
+        let asked = self.session()?.query(self.label.shown?.0)?;
+        let transition = asked.transition?;
+        Some((transition, transition.outcome_in(asked.query.left.start)))
+    }
+
+    /// The frames that are played over and over: all of them, or a run-up to the outcome of a transition.
+    pub(crate) fn span(&self) -> Range<f64> {
+        match self.shown_transition() {
+            None => 0.0..SEGMENT_LEN as f64,
+            Some((_, outcome)) => outcome.saturating_sub(RUN_UP) as f64..(outcome + 1) as f64,
+        }
+    }
+
+    /// The frame that is seen.
+    pub(crate) fn frame(&self) -> usize {
+        // What is played stands at its end for a moment; what is held can be anywhere.
+        let last = if self.label.is_standing { SEGMENT_LEN } else { self.span().end as usize };
+        (self.label.playhead as usize).min(last - 1)
     }
 
     /// Whether keys and pad drive something now.

@@ -50,6 +50,10 @@ fn decode(
     query: Query,
 ) -> Result<(Vec<Frame>, Vec<Frame>), String> {
     let mut zs = latents(dreams, query.left)?.to_vec();
+    if query.left == query.right {
+        let clip = model.decode(&from_slice(&zs, &[SEGMENT_LEN as i64, -1]));
+        return Ok((clip.clone(), clip));
+    }
     zs.extend_from_slice(latents(dreams, query.right)?);
     let mut left = model.decode(&from_slice(&zs, &[2 * SEGMENT_LEN as i64, -1]));
     let right = left.split_off(SEGMENT_LEN);

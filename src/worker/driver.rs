@@ -7,7 +7,7 @@ use std::time::Instant;
 use crate::env::{Env, Seed};
 use crate::evaluation::Tally;
 use crate::planner::{Agent, PlannerConfig};
-use crate::reward::{FrozenReward, RewardEnsemble};
+use crate::reward::LearnedReward;
 use crate::tensor::Parameters;
 use crate::worker::clock::{Allowance, Beat, Clock};
 use crate::worker::gallery::Gallery;
@@ -70,7 +70,7 @@ struct Driver<'a> {
     reports: &'a Reports,
     view: &'a Latest<DriveView>,
     clock: Clock,
-    reward: Option<FrozenReward>,
+    reward: Option<LearnedReward>,
     /// The track to drive as soon as there is a reward.
     waiting: Option<u64>,
     episode: Option<Episode>,
@@ -96,11 +96,7 @@ impl Driver<'_> {
         match command {
             DriverCommand::Reward(parameters) => {
                 let wanted = self.model.hash();
-                let reward = RewardEnsemble::load(&parameters).and_then(|reward| {
-                    reward.require(&wanted)?;
-                    Ok(reward.frozen())
-                });
-                match reward {
+                match LearnedReward::load(&parameters, &wanted) {
                     Ok(reward) => self.reward = Some(reward),
                     Err(e) => return self.reports.fail(NAME, e),
                 }
@@ -127,9 +123,12 @@ impl Driver<'_> {
 
     fn start(&mut self, seed: u64) {
         self.env.reset(Seed::Native(seed));
+        let is_sparse = self.reward.as_ref().is_some_and(LearnedReward::is_sparse);
+        let config = self.config.clone();
+        let config = if is_sparse { config.for_transitions() } else { config };
         self.episode = Some(Episode {
             seed,
-            agent: Agent::new(self.config.clone(), seed),
+            agent: Agent::new(config, seed),
             tally: Tally::default(),
             n_steps: 0,
             plan_ms: 0.0,
@@ -211,7 +210,7 @@ mod tests {
     use rand_chacha::ChaCha8Rng;
 
     use super::*;
-    use crate::reward::RewardConfig;
+    use crate::reward::{RewardConfig, RewardEnsemble};
     use crate::worker::toy::{self, Wall};
 
     /// A reward that has learned nothing, over the features of the model with hash `world`.

@@ -6,6 +6,7 @@
 mod clock;
 mod companion;
 mod gallery;
+mod judge;
 #[cfg(test)]
 mod toy;
 
@@ -30,7 +31,7 @@ use std::time::Instant;
 use crate::dream::{DreamEpisode, Rows};
 use crate::env::{Action, Env, Frame};
 use crate::evaluation::EpisodeMetrics;
-use crate::query::{DreamId, Label, Query, QueryId, SegmentRef};
+use crate::query::{DreamId, JudgedTransition, Label, Query, QueryId, SegmentRef};
 use crate::session::DreamJournal;
 use crate::tensor::Parameters;
 use crate::world_model::LatentState;
@@ -247,13 +248,15 @@ pub enum ScreenerCommand {
     AddDream(DreamId, Arc<DreamEpisode>),
 }
 
-/// Learns a reward while answers come in.
+/// Learns a reward while answers come in: from preferences or from verdicts, whichever came last.
 #[derive(Debug)]
 pub enum TrainerCommand {
     /// Knows a dream from now on.
     AddDream(DreamId, Arc<DreamEpisode>),
     /// Learns from an answer, or from another answer to the same query.
     Learn(Query, Label),
+    /// Learns from a verdict on a transition, or from another verdict on the same.
+    Judge(JudgedTransition),
     /// Forgets the answer to a query.
     Forget(QueryId),
     /// Says how much the reward is of two minds about each of these pairs.

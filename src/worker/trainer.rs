@@ -6,15 +6,17 @@ use std::sync::Arc;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, TryRecvError};
 use std::time::{Duration, Instant};
 
-use rand::SeedableRng as _;
+use rand::{RngExt as _, SeedableRng as _};
 use rand_chacha::ChaCha8Rng;
 
 use crate::dream::{DreamEpisode, Rows};
-use crate::query::{DreamId, Label, LabeledQuery, Query, QueryId, SEGMENT_LEN, SegmentRef};
+use crate::query::{DreamId, Label, LabeledQuery, Query, QueryId, SEGMENT_LEN, SegmentRef, Transition};
 use crate::reward::{
-    EpochReport, Fitted, RewardConfig, RewardEnsemble, SegmentPair, Trainer, fit_anew, segment_rows,
+    EpochReport, Figures, Fitted, RewardConfig, RewardEnsemble, SegmentPair, Trainer, fit_anew, segment_rows,
+    transition_row,
 };
 use crate::tensor::Parameters;
+use crate::worker::judge::Judge;
 use crate::worker::{Learning, Report, Reports, TrainerCommand, Worker, one_thread};
 use crate::world_model::WorldModel;
 
@@ -62,6 +64,8 @@ struct Learner<'a> {
     /// All that counts.
     answers: BTreeMap<QueryId, LabeledQuery>,
     trainer: Trainer,
+    /// Verdicts on transitions.
+    judge: Judge,
     /// The answers of the trainer, in its order.
     order: Vec<QueryId>,
     rng: ChaCha8Rng,
@@ -90,6 +94,17 @@ impl Dreams {
         let features = features.get_or_insert_with(|| episode.features(model));
         Ok(segment_rows(features, &episode.actions, segment))
     }
+
+    /// A transition as a classifier reads it, `[F + A]`.
+    fn row(&mut self, model: &WorldModel, transition: Transition) -> Result<Vec<f32>, String> {
+        let Transition { dream: id, step, .. } = transition;
+        let known = self.0.get_mut(&id).filter(|(episode, _)| step < episode.len());
+        let Some((episode, features)) = known else {
+            return Err(format!("cannot learn from step {step} of dream {}: it is not known here", id.0));
+        };
+        let features = features.get_or_insert_with(|| episode.features(model));
+        Ok(transition_row(features, &episode.actions, step))
+    }
 }
 
 impl<'a> Learner<'a> {
@@ -104,6 +119,7 @@ impl<'a> Learner<'a> {
             dreams: Dreams::default(),
             answers: BTreeMap::new(),
             trainer: Trainer::new(ensemble),
+            judge: Judge::default(),
             order: Vec::new(),
             rng,
             n_new: 0,
@@ -127,6 +143,9 @@ impl<'a> Learner<'a> {
     }
 
     fn is_behind(&self) -> bool {
+        if self.judge.is_last {
+            return self.judge.is_behind();
+        }
         let n = self.order.len();
         n >= MIN_LABELS && self.n_new > 0 && self.n_new * NEW_SHARE >= n
     }
@@ -141,7 +160,9 @@ impl<'a> Learner<'a> {
                     self.reports.fail(NAME, e);
                 }
             }
+            TrainerCommand::Judge(judged) => self.judge.hear(judged),
             TrainerCommand::Forget(id) => {
+                self.judge.forget(id);
                 if self.answers.remove(&id).is_some() {
                     let idx = self.idx(id);
                     self.order.remove(idx);
@@ -169,6 +190,7 @@ impl<'a> Learner<'a> {
     }
 
     fn learn(&mut self, query: Query, label: Label) -> Result<(), String> {
+        self.judge.is_last = false;
         match self.answers.get(&query.id) {
             Some(known) if known.label == label => return Ok(()),
             Some(_) => self.trainer.relabel(self.idx(query.id), label),
@@ -199,7 +221,9 @@ impl<'a> Learner<'a> {
     ///
     /// Steps added to an old fit for every answer would soon be more than drive well: see [`RewardConfig::updates`].
     fn go_on(&mut self) {
-        if self.is_behind() {
+        if self.judge.is_behind() {
+            self.go_on_with_verdicts();
+        } else if self.is_behind() {
             let mut losses = Vec::new();
             let _ = self.trainer.fit(&mut self.rng, |report| {
                 losses.clone_from(&report.losses);
@@ -208,7 +232,9 @@ impl<'a> Learner<'a> {
             self.n_new = 0;
             self.n_fits += 1;
             (self.has_learned, self.has_news) = (true, true);
-            self.reports.send(learning(&self.trainer, self.n_fits, &losses, None));
+            let figures = self.trainer.recent().filter(|figures| figures.n >= MIN_LABELS);
+            let fit = (self.n_fits, None);
+            self.reports.send(learning(figures, fit, &losses, self.trainer.n_labels()));
         }
         let is_time = self.handed_on.is_none_or(|handed_on| handed_on.elapsed() >= HAND_ON_EVERY);
         if self.has_news && is_time {
@@ -216,10 +242,35 @@ impl<'a> Learner<'a> {
         }
     }
 
+    fn go_on_with_verdicts(&mut self) {
+        let Self { model, dreams, judge, rng, .. } = self;
+        let row = |transition| dreams.row(model, transition);
+        let config = Judge::config(false);
+        match judge.fit(model, config, rng.random(), row, |_| ControlFlow::Continue(())) {
+            Ok(Some(fitted)) => {
+                (self.n_fits, self.has_news) = (self.n_fits + 1, true);
+                let held_out = fitted.held_out;
+                self.reports.send(Report::Learning(Learning {
+                    epoch: self.n_fits,
+                    losses: fitted.losses,
+                    held_out_loss: held_out.map(|held_out| held_out.loss),
+                    agreement: held_out.map(|held_out| held_out.accuracy),
+                    n_labels: self.judge.len(),
+                    fit_epochs: None,
+                }));
+            }
+            Ok(None) => {}
+            Err(e) => self.reports.fail(NAME, e),
+        }
+    }
+
     fn hand_on(&mut self, fit: Option<(u64, Vec<f32>)>) {
         (self.handed_on, self.has_news) = (Some(Instant::now()), false);
-        let parameters = self.trainer.ensemble().parameters();
-        self.reports.send(Report::Learned { parameters, n_labels: self.order.len(), fit });
+        let (parameters, n_labels) = match &self.judge.parameters {
+            Some(parameters) if self.judge.is_last => (parameters.clone(), self.judge.len()),
+            _ => (self.trainer.ensemble().parameters(), self.order.len()),
+        };
+        self.reports.send(Report::Learned { parameters, n_labels, fit });
     }
 
     /// Fits a fresh ensemble to all answers, the same for the same answers and seed whatever was learned before.
@@ -231,13 +282,18 @@ impl<'a> Learner<'a> {
         commands: &Receiver<TrainerCommand>,
         waiting: &mut VecDeque<TrainerCommand>,
     ) {
-        if self.answers.is_empty() {
+        let n_labels = if self.judge.is_last { self.judge.len() } else { self.answers.len() };
+        if n_labels == 0 {
             return self.reports.fail(NAME, "there are no answers to learn from yet");
         }
-        let Self { model, config, reports, dreams, answers, trainer, .. } = self;
+        let Self { model, config, reports, dreams, answers, trainer, judge, .. } = self;
         let labels: Vec<_> = answers.values().copied().collect();
+        let judge_is_last = judge.is_last;
         let on_epoch = |report: &EpochReport| {
-            reports.send(learning(trainer, report.epoch, &report.losses, Some(report.n_epochs)));
+            let is_sparse = judge_is_last;
+            let figures = trainer.recent().filter(|figures| figures.n >= MIN_LABELS && !is_sparse);
+            let fit = (report.epoch, Some(report.n_epochs));
+            reports.send(learning(figures, fit, &report.losses, n_labels));
             loop {
                 match commands.try_recv() {
                     Ok(command) => waiting.push_back(command),
@@ -248,6 +304,18 @@ impl<'a> Learner<'a> {
             let is_overtaken = waiting.iter().any(|command| matches!(command, TrainerCommand::Fit { .. }));
             if is_overtaken { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
         };
+        if judge_is_last {
+            let row = |transition| dreams.row(model, transition);
+            match judge.fit(model, Judge::config(true), seed, row, on_epoch) {
+                Ok(Some(fitted)) => {
+                    self.n_fits = 0;
+                    self.hand_on(Some((seed, fitted.losses)));
+                }
+                Ok(None) => {}
+                Err(e) => reports.fail(NAME, e),
+            }
+            return;
+        }
         let rows = |segment| dreams.rows(model, segment);
         match fit_anew(model, config.clone(), seed, &labels, rows, on_epoch) {
             Ok(Some(Fitted { trainer, losses })) => {
@@ -262,14 +330,18 @@ impl<'a> Learner<'a> {
 }
 
 /// How far learning is, and how well the latest answers were foretold.
-fn learning(trainer: &Trainer, epoch: usize, losses: &[f64], fit_epochs: Option<usize>) -> Report {
-    let figures = trainer.recent().filter(|figures| figures.n >= MIN_LABELS);
+fn learning(
+    figures: Option<Figures>,
+    (epoch, fit_epochs): (usize, Option<usize>),
+    losses: &[f64],
+    n_labels: usize,
+) -> Report {
     Report::Learning(Learning {
         epoch,
         losses: losses.iter().map(|loss| *loss as f32).collect(),
         held_out_loss: figures.map(|figures| figures.log_loss as f32),
         agreement: figures.and_then(|figures| figures.agreement).map(|agreement| agreement as f32),
-        n_labels: trainer.n_labels(),
+        n_labels,
         fit_epochs,
     })
 }
@@ -279,7 +351,8 @@ mod tests {
     use std::sync::mpsc::channel;
 
     use super::*;
-    use crate::query::{Response, SafetyAnswer, Weights};
+    use crate::query::{JudgedTransition, Response, SafetyAnswer, Verdict, Weights};
+    use crate::reward::SparseReward;
     use crate::tensor::to_vec;
     use crate::worker::toy;
 
@@ -458,5 +531,45 @@ mod tests {
         learner.hear(TrainerCommand::Forget(QueryId(20)));
         assert_eq!(n_foretold(&learner), Some((1, 1)));
         assert_eq!((learner.order.len(), learner.trainer.n_labels()), (21, 21));
+    }
+
+    #[test]
+    fn verdicts_are_learned_while_they_come_in_and_what_came_last_counts() {
+        one_thread();
+        let (reports, inbox) = Reports::new(|| ());
+        let mut learner = Learner::new(toy::model(), RewardConfig::tiny(), &reports);
+        for id in 0..2 {
+            learner.hear(TrainerCommand::AddDream(DreamId(id as u32), Arc::new(toy::dream(id, 60))));
+        }
+        for i in 0..50 {
+            let transition = Transition { dream: DreamId(0), first: 0, step: i };
+            let verdict = Verdict::ALL[usize::from(toy::dream(0, 60).actions[i].steer > 0.0)];
+            let query = QueryId(i as u32);
+            learner.hear(TrainerCommand::Judge(JudgedTransition { query, transition, verdict }));
+        }
+        assert!(learner.is_behind(), "a trajectory is enough to begin with");
+        learner.go_on();
+        let reports: Vec<_> = inbox.try_iter().collect();
+        let [Report::Learning(learning), Report::Learned { parameters, n_labels: 50, fit: None }] =
+            &reports[..]
+        else {
+            panic!("{reports:?}")
+        };
+        assert!(
+            SparseReward::is_in(parameters) && learning.held_out_loss.is_some(),
+            "a classifier: {learning:?}"
+        );
+        learner.hear(TrainerCommand::Forget(QueryId(3)));
+        assert!(!learner.is_behind(), "one in fifty is not worth it");
+        for command in answers(100..110) {
+            learner.hear(command);
+        }
+        while learner.is_behind() {
+            learner.go_on();
+        }
+        learner.hand_on(None);
+        let last = inbox.try_iter().last();
+        let Some(Report::Learned { parameters, n_labels: 10, .. }) = last else { panic!("{last:?}") };
+        assert!(!SparseReward::is_in(&parameters), "preferences came last");
     }
 }

@@ -98,6 +98,19 @@ impl State {
         Tensor::cat(&[&self.z, &self.memory.c, &self.memory.h], 1)
     }
 
+    /// States one beside the other.
+    ///
+    /// # Panics
+    /// Where there is none, or where they are not of one model.
+    pub fn side_by_side(states: &[&LatentState]) -> Self {
+        let all = |part: fn(&LatentState) -> &[f32]| {
+            let values: Vec<f32> = states.iter().flat_map(|state| part(state)).copied().collect();
+            from_slice(&values, &[states.len() as i64, part(states[0]).len() as i64])
+        };
+        let memory = Memory { c: all(|state| &state.c), h: all(|state| &state.h) };
+        Self { z: all(|state| &state.z), memory }
+    }
+
     /// This state `b` times over; it must be a batch of one.
     pub fn repeated(&self, b: i64) -> Self {
         let repeat = |tensor: &Tensor| tensor.expand([b, -1], false);
@@ -281,6 +294,15 @@ impl WorldModel {
             };
             State { z, memory }
         })
+    }
+
+    /// The state that follows `state` under `actions` in the mean, through which gradients pass.
+    ///
+    /// # Shapes
+    /// - `actions`: `[B, A]`, as driven
+    pub fn imagine_for_gradients(&self, state: &State, actions: &Tensor, temperature: f64) -> State {
+        let memory = self.mdn_rnn.remember(&state.z, actions, &state.memory);
+        State { z: self.mdn_rnn.mixture(&memory.h).mean(temperature), memory }
     }
 
     /// What the model expects after `memory`, for measuring surprise and doubt.

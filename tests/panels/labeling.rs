@@ -159,9 +159,13 @@ fn the_label_panel_looks_as_it_did_in_small_and_large_windows() {
         return;
     }
     let mut results = egui_kittest::SnapshotResults::new();
-    for (size, name) in [(vec2(1280.0, 720.0), "label_1280x720"), (vec2(2560.0, 1440.0), "label_2560x1440")] {
+    for (size, name, protocol) in [
+        (vec2(1280.0, 720.0), "label_1280x720", Protocol::Dropj),
+        (vec2(2560.0, 1440.0), "label_2560x1440", Protocol::Dropj),
+        (vec2(1280.0, 720.0), "label_transition", Protocol::Dros),
+    ] {
         let dir = tempfile::tempdir().unwrap();
-        let (mut harness, _) = window(dir.path(), Some(session(dir.path(), Protocol::Dropj)), size, true);
+        let (mut harness, _) = window(dir.path(), Some(session(dir.path(), protocol)), size, true);
         go(&mut harness, Panel::Label);
         for key in [Key::A, Key::ArrowRight, Key::S, Key::F, Key::Backspace, Key::P] {
             press(&mut harness, key);
@@ -171,4 +175,69 @@ fn the_label_panel_looks_as_it_did_in_small_and_large_windows() {
         }
         results.add(harness.try_snapshot(name));
     }
+}
+
+#[test]
+fn single_transitions_are_labeled_by_one_key_each() {
+    let dir = tempfile::tempdir().unwrap();
+    let (mut harness, backstage) = labeling(dir.path(), Protocol::Dros);
+    harness.get_by_label("Where does the last step of this clip lead?");
+    for key in [Key::ArrowRight, Key::ArrowLeft, Key::ArrowUp, Key::Space, Key::ArrowRight] {
+        press(&mut harness, key);
+    }
+    press(&mut harness, Key::Backspace);
+    press(&mut harness, Key::F);
+    let expected = [Verdict::Good, Verdict::Unsafe, Verdict::Neutral].map(Response::Judged);
+    assert_eq!(responses(&harness), [&expected[..], &[Response::Skipped(None)]].concat());
+    let session = harness.state().session().unwrap().session();
+    let asked: Vec<_> = session.queries().iter().filter_map(|asked| asked.transition).collect();
+    assert!(asked.windows(2).all(|pair| pair[1].step == pair[0].step + 1), "one after the other: {asked:?}");
+    assert_eq!(session.queries().iter().filter(|asked| asked.is_flagged).count(), 1);
+    let orders = backstage.orders();
+    let is_taught = |order: &Order| matches!(order, Order::Trainer(TrainerCommand::Judge(judged)) if judged.verdict == Verdict::Unsafe);
+    assert!(orders.iter().any(is_taught), "the trainer hears of it");
+    let is_forgotten = |order: &Order| matches!(order, Order::Trainer(TrainerCommand::Forget(QueryId(4))));
+    assert!(orders.iter().any(is_forgotten), "and of what is taken back");
+}
+
+#[test]
+fn a_transition_plays_up_to_its_outcome_over_and_over() {
+    let dir = tempfile::tempdir().unwrap();
+    let (mut harness, _) = labeling(dir.path(), Protocol::Dros);
+    // Into the trajectory, so that there is something to run up from.
+    for _ in 0..20 {
+        press(&mut harness, Key::ArrowUp);
+    }
+    let mut seen = std::collections::BTreeSet::new();
+    for _ in 0..40 {
+        harness.step();
+        let line = harness.get_by_label_contains("of 20");
+        seen.insert(line.accesskit_node().label().unwrap());
+    }
+    let expected: std::collections::BTreeSet<_> =
+        (8..=15).map(|frame| format!("Frame {frame} of 20")).collect();
+    assert_eq!(seen, expected, "seven frames of run-up, then the outcome, and nothing after it");
+    press(&mut harness, Key::Period);
+    press(&mut harness, Key::Period);
+    assert!(harness.query_by_label_contains("of 20").is_some(), "what comes after can be looked at by hand");
+}
+
+#[test]
+fn pairs_and_transitions_can_be_asked_by_turns() {
+    let dir = tempfile::tempdir().unwrap();
+    let (mut harness, _) = labeling(dir.path(), Protocol::Dropj);
+    press(&mut harness, Key::A);
+    for (here, there) in [("DROPJ", "DROS"), ("DROS", "DROPJ")] {
+        harness.get_by_label(here).click();
+        harness.run_steps(3);
+        harness.get_by_label(there).click();
+        harness.run_steps(3);
+        press(&mut harness, Key::ArrowRight);
+    }
+    let both = Response::Safety(SafetyAnswer::Both(Preference::Right));
+    let expected = [Response::Safety(SafetyAnswer::OnlyLeft), Response::Judged(Verdict::Good), both];
+    assert_eq!(responses(&harness), expected);
+    press(&mut harness, Key::Backspace);
+    press(&mut harness, Key::Backspace);
+    assert_eq!(responses(&harness), expected[..1], "undo knows both");
 }

@@ -19,7 +19,7 @@ use std::sync::{Arc, Mutex};
 use dropj::dream::DreamEpisode;
 use dropj::env::controls::Pad;
 use dropj::env::{Action, Frame};
-use dropj::query::{Preference, Protocol, QueryId, Response, SEGMENT_LEN, SafetyAnswer, SkipReason};
+use dropj::query::{Preference, Protocol, QueryId, Response, SEGMENT_LEN, SafetyAnswer, SkipReason, Verdict};
 use dropj::session::{DreamSource, Header, SessionStore};
 use dropj::tensor::Parameters;
 use dropj::ui::{

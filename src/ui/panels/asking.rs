@@ -106,7 +106,7 @@ fn screen_ui(ui: &mut Ui, state: &State, asking: &mut Asking) {
         let percent = (100.0 * n_above as f32 / sorted.len() as f32).round() as u8;
         asking.held_back = percent.min(MOST_HELD_BACK);
     }
-    let judged = state.session().map(Session::judged).unwrap_or_default();
+    let judged = state.session().map(Session::looked_at).unwrap_or_default();
     let spared = screen.spared(&judged, asking.share_held_back());
     let said = match spared.n_bad {
         0 => "Nothing was skipped as hallucinated yet".to_owned(),

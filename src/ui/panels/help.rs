@@ -32,7 +32,7 @@ const LABELING: Rows = &[
     (&[Deed::OnlyLeft], "only left is safe"),
     (&[Deed::OnlyRight], "only right is safe"),
     (&[Deed::Neither], "neither is safe"),
-    (&[Deed::PreferLeft, Deed::Equal, Deed::PreferRight], "left, equal, right"),
+    (&[Deed::PreferLeft, Deed::Equal, Deed::PreferRight], "left, equal, right; unsafe, neither, good"),
     (&[Deed::Guide], "one question at a time"),
     (&[Deed::Yes, Deed::No], "it stays safe, or not"),
     (&[Deed::Skip], "skip, then 1 2 3 for why"),

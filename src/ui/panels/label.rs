@@ -3,7 +3,7 @@
 use eframe::egui::{Align, Key, Layout, Rect, RichText, Ui, UiBuilder, pos2, vec2};
 
 use crate::query::{
-    Justification, Preference, Protocol, QueryId, Response, SEGMENT_LEN, SafetyAnswer, SkipReason,
+    Justification, Preference, Protocol, QueryId, Response, SEGMENT_LEN, SafetyAnswer, SkipReason, Verdict,
 };
 use crate::ui::answer::PREFERENCES;
 use crate::ui::command::{Command, Panel};
@@ -83,22 +83,27 @@ fn question(state: &State) -> &'static str {
         },
         Protocol::Dropj => "Which clips stay safe? Where both do, which is better?",
         Protocol::DropjMulti => "What matters most here, and which clip is better?",
+        Protocol::Request | Protocol::Dros => "Where does the last step of this clip lead?",
     }
 }
 
 fn query_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
     let label = &state.label;
     let room = ui.available_size();
-    let side = ((room.x - GAP) / 2.0).min(room.y - around(state, room.x)).max(100.0);
-    let left = ui.cursor().left() + (room.x - 2.0 * side - GAP).max(0.0) / 2.0;
-    let columns = Rect::from_min_size(pos2(left, ui.cursor().top()), vec2(2.0 * side + GAP, room.y));
+    // A transition has one clip, in columns wide enough for its answers all the same.
+    let is_single = state.protocol().is_sparse();
+    let high = (room.y - around(state, room.x)).max(100.0);
+    let side = if is_single { high.min(room.x) } else { high.min((room.x - GAP) / 2.0).max(100.0) };
+    let wide = if is_single { side.max(room.x.min(760.0)) } else { 2.0 * side + GAP };
+    let left = ui.cursor().left() + (room.x - wide).max(0.0) / 2.0;
+    let columns = Rect::from_min_size(pos2(left, ui.cursor().top()), vec2(wide, room.y));
     let shown = label.shown.map(|(id, _)| id);
     let pair = shown.and_then(|id| label.pairs.get(&id));
     let layout = Layout::top_down(Align::Min);
     ui.spacing_mut().item_spacing.y = ROW_GAP;
     ui.scope_builder(UiBuilder::new().max_rect(columns).layout(layout), |ui| {
         head_ui(ui, state, commands);
-        let frame = (label.playhead as usize).min(SEGMENT_LEN - 1);
+        let frame = state.frame();
         let [left_rim, right_rim] = rims(state);
         ui.horizontal(|ui| {
             ui.spacing_mut().item_spacing.x = GAP;
@@ -106,11 +111,19 @@ fn query_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
             let at = |clip: Option<&Vec<_>>| clip.and_then(|clip| clip.get(frame)).cloned();
             let left = at(pair.map(|pair| &pair.left));
             let right = at(pair.map(|pair| &pair.right));
+            if is_single {
+                ui.add_space((wide - side) / 2.0);
+                let is_outcome = state.shown_transition().is_some_and(|(_, outcome)| outcome == frame);
+                let rim = if is_outcome { Rim::Accent } else { Rim::Plain };
+                picture_ui(ui, left.as_ref(), vec2(side, side), "Clip", empty, rim);
+                return;
+            }
             picture_ui(ui, left.as_ref(), vec2(side, side), "Left clip", empty, left_rim);
             picture_ui(ui, right.as_ref(), vec2(side, side), "Right clip", empty, right_rim);
         });
         let width = ui.available_width();
-        if let Some(playhead) = timeline_ui(ui, frame, SEGMENT_LEN, width) {
+        let outcome = state.shown_transition().map(|(_, outcome)| outcome);
+        if let Some(playhead) = timeline_ui(ui, frame, SEGMENT_LEN, width, outcome) {
             commands.push(Command::ScrubClips(playhead));
         }
         if !is_wide(room.x) {
@@ -138,6 +151,10 @@ fn head_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
     let (asked, told) = (row(28.0), row(24.0));
     ui.allocate_ui_with_layout(asked.0, asked.1, |ui| {
         ui.label(RichText::new(question(state)).size(18.0).color(Tokens::of(ui).text));
+        if let Some((transition, _)) = state.shown_transition() {
+            let place = format!("transition {} of its trajectory", transition.place() + 1);
+            ui.label(tokens::small(ui, place));
+        }
         ui.with_layout(Layout::right_to_left(Align::Center), |ui| protocol_ui(ui, state, commands));
     });
     // What was said last stays where the eye is, and its room stays where nothing was said.
@@ -155,7 +172,9 @@ fn head_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
 fn protocol_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
     let present = state.protocol();
     let menu = ui.menu_button(tokens::small(ui, present.name()), |ui| {
-        for protocol in Protocol::ALL {
+        // Trajectories for ReQueST are made without a window: `dropj simulate --protocol request`.
+        let all = Protocol::ALL.into_iter().filter(|protocol| *protocol != Protocol::Request);
+        for protocol in all {
             if ui.selectable_label(protocol == present, protocol.name()).clicked() {
                 commands.push(Command::ChangeProtocol(protocol));
                 ui.close();
@@ -238,6 +257,16 @@ fn answers_ui(ui: &mut Ui, state: &State, is_ready: bool, commands: &mut Vec<Com
             let names = ["Both safe, left better", "Both safe, equal", "Both safe, right better"];
             let both = |preference| Response::Safety(SafetyAnswer::Both(preference));
             row(ui, &preferences(names, &both), is_ready, commands);
+        }
+        Protocol::Request | Protocol::Dros => {
+            let names = ["Off the road: unsafe", "Neither", "On to new road: good"];
+            let keys = [Deed::PreferLeft, Deed::Equal, Deed::PreferRight].map(key);
+            let verdicts = Verdict::ALL
+                .into_iter()
+                .zip(names)
+                .zip(keys)
+                .map(|((verdict, name), key)| (name, key, Command::Answer(Response::Judged(verdict))));
+            row(ui, &verdicts.collect::<Vec<_>>(), is_ready, commands);
         }
         Protocol::DropjMulti => {
             let chosen = justifications_ui(ui, state, commands);

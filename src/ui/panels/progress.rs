@@ -9,6 +9,9 @@ use crate::ui::pace::Budget;
 use crate::ui::state::{BREAK_MINUTES, State};
 use crate::ui::tokens::{self, Tokens};
 
+/// How long the bar is.
+const BAR: f32 = 72.0;
+
 /// How far one is, how fast, and how long it will take; a click sets another budget.
 pub(super) fn progress_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
     let so_far = state.session().map(Session::statistics).unwrap_or_default();
@@ -34,13 +37,16 @@ pub(super) fn progress_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command
     menu.on_hover_text(format!(
         "{skipped}.\nTime in which nobody is there does not count.\nClick to label more or less."
     ));
-    bar_ui(ui, budget.share(&so_far));
+    // In a narrow window what was said last needs the room.
+    if ui.available_width() > 2.0 * BAR {
+        bar_ui(ui, budget.share(&so_far));
+    }
 }
 
 /// A short bar.
 fn bar_ui(ui: &mut Ui, share: f32) {
     let tokens = Tokens::of(ui);
-    let (rect, response) = ui.allocate_exact_size(vec2(72.0, 4.0), Sense::hover());
+    let (rect, response) = ui.allocate_exact_size(vec2(BAR, 4.0), Sense::hover());
     response.widget_info(|| {
         WidgetInfo::labeled(Role::ProgressIndicator, true, format!("{:.0} % done", 100.0 * share))
     });

@@ -48,6 +48,7 @@ fn new_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
         (Protocol::Drope, "Left, equal or right"),
         (Protocol::Drop, "Left or right"),
         (Protocol::DropjMulti, "What matters most, and left, equal or right"),
+        (Protocol::Dros, "Whether each single step is unsafe, good or neither"),
     ] {
         ui.horizontal(|ui| {
             let tone = if protocol == Protocol::of_env(&state.env) { Tone::Primary } else { Tone::Plain };

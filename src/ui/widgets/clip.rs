@@ -103,9 +103,15 @@ pub(crate) fn paint_picture(ui: &Ui, picture: Option<&TextureHandle>, rect: Rect
     painter.rect_stroke(rect, corner, Stroke::new(width, color), StrokeKind::Outside);
 }
 
-/// A line under clips: one tick a frame, those played brighter; where it is dragged or clicked, the frame that is
+/// A line under clips: one tick a frame, those played brighter, a `marked` one brightest; where it is dragged or clicked, the frame that is
 /// pointed at.
-pub(crate) fn timeline_ui(ui: &mut Ui, frame: usize, n: usize, width: f32) -> Option<f64> {
+pub(crate) fn timeline_ui(
+    ui: &mut Ui,
+    frame: usize,
+    n: usize,
+    width: f32,
+    marked: Option<usize>,
+) -> Option<f64> {
     let tokens = Tokens::of(ui);
     // Not to be reached with Tab: there are keys for a frame back and on, and the focus would take the arrows.
     let (rect, response) = ui.allocate_exact_size(vec2(width, 16.0), Sense::CLICK | Sense::DRAG);
@@ -120,6 +126,7 @@ pub(crate) fn timeline_ui(ui: &mut Ui, frame: usize, n: usize, width: f32) -> Op
         );
         let color = match i.cmp(&frame) {
             Ordering::Equal => tokens.accent,
+            _ if marked == Some(i) => tokens.text,
             Ordering::Less => tokens.faint,
             Ordering::Greater => tokens.border,
         };

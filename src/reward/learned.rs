@@ -1,0 +1,46 @@
+//! A reward of either kind, as it is kept in a session: learned from preferences, or from verdicts.
+
+use tch::Tensor;
+
+use crate::reward::{FrozenReward, RewardEnsemble, RewardError, RewardModel, SparseReward};
+use crate::tensor::Parameters;
+
+/// What a planner is given.
+#[derive(Debug)]
+pub enum LearnedReward {
+    /// Learned from pairs of clips.
+    Preferences(FrozenReward),
+    /// Learned from single transitions.
+    Verdicts(SparseReward),
+}
+
+impl LearnedReward {
+    /// The reward in `parameters`, which must have been learned with the world model whose hash is `wanted`.
+    pub fn load(parameters: &Parameters, wanted: &str) -> Result<Self, RewardError> {
+        if SparseReward::is_in(parameters) {
+            let reward = SparseReward::load(parameters)?;
+            if reward.world_model() != wanted {
+                let found = reward.world_model().to_owned();
+                return Err(RewardError::OtherWorldModel { found, wanted: wanted.to_owned() });
+            }
+            return Ok(Self::Verdicts(reward));
+        }
+        let reward = RewardEnsemble::load(parameters)?;
+        reward.require(wanted)?;
+        Ok(Self::Preferences(reward.frozen()))
+    }
+
+    /// Whether it was learned from single transitions, for which a planner looks further ahead (method §11).
+    pub fn is_sparse(&self) -> bool {
+        matches!(self, Self::Verdicts(_))
+    }
+}
+
+impl RewardModel for LearnedReward {
+    fn rewards(&self, features: &Tensor, scaled_actions: &Tensor) -> Tensor {
+        match self {
+            Self::Preferences(reward) => reward.rewards(features, scaled_actions),
+            Self::Verdicts(reward) => reward.rewards(features, scaled_actions),
+        }
+    }
+}

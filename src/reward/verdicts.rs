@@ -1,0 +1,213 @@
+//! From verdicts to a reward: the one way that the window, a replay and a simulation go.
+
+use std::ops::ControlFlow;
+
+use rand::SeedableRng as _;
+use rand::seq::SliceRandom as _;
+use rand_chacha::ChaCha8Rng;
+use tch::{Kind, Tensor};
+
+use crate::query::{JudgedTransition, Transition};
+use crate::reward::EpochReport;
+use crate::reward::sparse::{Lesson, Rules, SparseConfig, SparseReward, adam, balanced_losses, joint_loss};
+use crate::tensor::to_vec;
+use crate::world_model::WorldModel;
+
+/// Held out verdicts are foretold once in so many epochs (method §9).
+const LOOK_EVERY: usize = 5;
+
+/// A classifier that was fitted to the end.
+#[derive(Debug)]
+pub struct FittedVerdicts {
+    /// The networks that were kept.
+    pub reward: SparseReward,
+    /// The last loss: one of all members together, or one of each.
+    pub losses: Vec<f32>,
+    /// How well held out verdicts were foretold by those networks, where some were held out.
+    pub held_out: Option<HeldOut>,
+}
+
+/// How well verdicts were foretold that were not learned.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct HeldOut {
+    /// How many there were.
+    pub n: usize,
+    /// Their cross-entropy under the average of all members, in nats.
+    pub loss: f32,
+    /// The share whose class was the likeliest.
+    pub accuracy: f32,
+}
+
+/// Fits a fresh classifier over the features of `model` to all verdicts but those held out, in the order of asking.
+///
+/// The same verdicts and `seed` give the same networks, in whatever order they stand here.
+/// Nothing comes where `on_epoch` breaks; where a transition has no row, that is the error.
+///
+/// # Shapes
+/// - `row`: that of a transition, `[F + A]`, as [`transition_row`](crate::reward::transition_row) makes it
+pub fn fit_verdicts<E>(
+    model: &WorldModel,
+    config: SparseConfig,
+    seed: u64,
+    judged: &[JudgedTransition],
+    mut row: impl FnMut(Transition) -> Result<Vec<f32>, E>,
+    on_epoch: impl FnMut(&EpochReport) -> ControlFlow<()>,
+) -> Result<Option<FittedVerdicts>, E> {
+    let rng = &mut ChaCha8Rng::seed_from_u64(seed);
+    let mut judged = judged.to_vec();
+    judged.sort_by_key(|judged| judged.query);
+    let mut taught = Vec::new();
+    for JudgedTransition { transition, verdict, .. } in judged {
+        taught.push((row(transition)?, verdict));
+    }
+    let reward = SparseReward::new(model.config().n_features(), &model.hash(), config, rng);
+    Ok(fit(reward, taught, rng, on_epoch))
+}
+
+fn fit(
+    mut reward: SparseReward,
+    mut taught: Vec<(Vec<f32>, crate::query::Verdict)>,
+    rng: &mut ChaCha8Rng,
+    mut on_epoch: impl FnMut(&EpochReport) -> ControlFlow<()>,
+) -> Option<FittedVerdicts> {
+    let config = reward.config.clone();
+    taught.shuffle(rng);
+    let n_held_out = (config.held_out * taught.len() as f64).round() as usize;
+    let held_out = lesson(taught.split_off(taught.len() - n_held_out.min(taught.len().saturating_sub(1))));
+    let lesson = lesson(taught);
+    let (weights, mut adam) = (lesson.weights(), adam(&reward));
+    let n_epochs = config.epochs(lesson.n);
+    let (mut best, mut losses) = (None::<(HeldOut, crate::tensor::Parameters)>, Vec::new());
+    for epoch in 1..=n_epochs {
+        let n_losses = if config.rules == Rules::Joint { 1 } else { config.members as usize };
+        let mut means = vec![0.0; n_losses];
+        let orders: Vec<Tensor> = (0..n_losses).map(|_| order(lesson.n, rng)).collect();
+        for start in (0..lesson.n).step_by(config.batch) {
+            let len = config.batch.min(lesson.n - start) as i64;
+            let picks: Vec<_> = orders.iter().map(|order| order.narrow(0, start as i64, len)).collect();
+            let of_step = step(&reward, &lesson, &weights, &picks);
+            adam.backward_step(&of_step.sum(Kind::Float));
+            for (mean, loss) in means.iter_mut().zip(to_vec(&of_step.detach())) {
+                *mean += f64::from(loss) * len as f64 / lesson.n as f64;
+            }
+        }
+        losses = means.iter().map(|loss| *loss as f32).collect();
+        let is_time = epoch % LOOK_EVERY == 0 || epoch == n_epochs;
+        if is_time && held_out.n > 0 {
+            let found = foretell(&reward, &held_out);
+            if best.as_ref().is_none_or(|(best, _)| found.loss < best.loss || !config.keeps_best) {
+                best = Some((found, reward.parameters()));
+            }
+        }
+        if on_epoch(&EpochReport { epoch, n_epochs, losses: means }).is_break() {
+            return None;
+        }
+    }
+    let held_out = best.as_ref().map(|(found, _)| *found);
+    if let Some((_, parameters)) = best.filter(|_| config.keeps_best) {
+        reward = SparseReward::load(&parameters).unwrap_or_else(|e| unreachable!("just written: {e}"));
+    }
+    Some(FittedVerdicts { reward, losses, held_out })
+}
+
+fn lesson(taught: Vec<(Vec<f32>, crate::query::Verdict)>) -> Lesson {
+    let (rows, verdicts): (Vec<_>, Vec<_>) = taught.into_iter().unzip();
+    Lesson::of(&rows, &verdicts)
+}
+
+fn order(n: usize, rng: &mut ChaCha8Rng) -> Tensor {
+    let mut order: Vec<i64> = (0..n as i64).collect();
+    order.shuffle(rng);
+    Tensor::from_slice(&order)
+}
+
+/// The losses of the rows picked: by one order for all members, or by one for each.
+fn step(reward: &SparseReward, lesson: &Lesson, weights: &Tensor, picks: &[Tensor]) -> Tensor {
+    match reward.config.rules {
+        Rules::Joint => {
+            let rows = lesson.rows.index_select(0, &picks[0]);
+            joint_loss(&reward.logits(&rows), &lesson.classes.index_select(0, &picks[0]))
+        }
+        Rules::Apart => {
+            let picked = |of: &Tensor| {
+                Tensor::stack(&picks.iter().map(|pick| of.index_select(0, pick)).collect::<Vec<_>>(), 0)
+            };
+            balanced_losses(&reward.forward(&picked(&lesson.rows)), &picked(&lesson.classes), weights)
+        }
+    }
+}
+
+fn foretell(reward: &SparseReward, held_out: &Lesson) -> HeldOut {
+    tch::no_grad(|| {
+        let logits = reward.logits(&held_out.rows);
+        let loss = joint_loss(&logits, &held_out.classes).double_value(&[0]) as f32;
+        let likeliest = logits.mean_dim(0, false, Kind::Float).argmax(-1, false);
+        let hits = likeliest.eq_tensor(&held_out.classes).to_kind(Kind::Float);
+        HeldOut { n: held_out.n, loss, accuracy: hits.mean(Kind::Float).double_value(&[]) as f32 }
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use std::convert::Infallible;
+
+    use super::*;
+    use crate::query::{DreamId, QueryId, Verdict};
+    use crate::tensor::normal;
+    use crate::world_model::{WorldModelConfig, untrained};
+
+    /// Transitions of noise, whose first feature decides the verdict.
+    fn toy(n: usize) -> (WorldModel, Vec<JudgedTransition>, Vec<Vec<f32>>) {
+        let model = untrained(&WorldModelConfig::tiny(), &mut ChaCha8Rng::seed_from_u64(0));
+        let row = |i: usize| to_vec(&normal(&mut ChaCha8Rng::seed_from_u64(i as u64), &[39]));
+        let rows: Vec<_> = (0..n).map(row).collect();
+        let judged = rows.iter().enumerate().map(|(i, row)| JudgedTransition {
+            query: QueryId(i as u32),
+            transition: Transition { dream: DreamId(0), first: 0, step: i },
+            verdict: match row[0] {
+                x if x < -0.4 => Verdict::Unsafe,
+                x if x < 0.4 => Verdict::Neutral,
+                _ => Verdict::Good,
+            },
+        });
+        let judged = judged.collect();
+        (model, judged, rows)
+    }
+
+    fn fit_toy(config: SparseConfig, n: usize, is_reversed: bool) -> FittedVerdicts {
+        let (model, mut judged, rows) = toy(n);
+        if is_reversed {
+            judged.reverse();
+        }
+        let row = |transition: Transition| Ok::<_, Infallible>(rows[transition.step].clone());
+        let fitted = fit_verdicts(&model, config, 3, &judged, row, |_| ControlFlow::Continue(()));
+        fitted.unwrap().unwrap()
+    }
+
+    #[test]
+    fn both_rules_learn_what_decides_the_verdicts() {
+        tch::set_num_threads(1);
+        for rules in [Rules::Joint, Rules::Apart] {
+            let config = SparseConfig { updates: 600, rules, ..SparseConfig::tiny() };
+            let held_out = fit_toy(config, 400, false).held_out.unwrap();
+            assert_eq!(held_out.n, 80, "a fifth");
+            assert!(held_out.accuracy > 0.7, "{rules:?}: {held_out:?} where a third is chance");
+        }
+    }
+
+    #[test]
+    fn the_order_in_which_verdicts_stand_does_not_matter() {
+        let [there, back] = [false, true].map(|is_reversed| fit_toy(SparseConfig::tiny(), 60, is_reversed));
+        assert_eq!(there.reward.parameters().hash(), back.reward.parameters().hash());
+        assert_eq!(there.losses, back.losses);
+    }
+
+    #[test]
+    fn the_best_networks_are_kept_where_that_is_asked_for() {
+        // So few verdicts are known by heart soon, and what is held out suffers.
+        let config = SparseConfig { updates: 400, ..SparseConfig::tiny() };
+        let best = fit_toy(config.clone(), 40, false).held_out.unwrap();
+        let last = fit_toy(SparseConfig { keeps_best: false, ..config }, 40, false).held_out.unwrap();
+        assert!(best.loss < last.loss, "{best:?} and {last:?}");
+    }
+}
