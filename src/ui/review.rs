@@ -12,6 +12,7 @@ use crate::query::{DreamId, Weights};
 use crate::session::{Event, Session};
 use crate::ui::App;
 use crate::ui::act::counted;
+use crate::ui::choosing::Weighing;
 use crate::ui::command::{Command, Panel};
 use crate::ui::crew::Order;
 use crate::ui::state::{Rewarding, State, World};
@@ -114,6 +115,8 @@ impl App {
                 if self.state.review.dream == Some(dream) {
                     self.review(None);
                 }
+                // Pairs that were about to be asked may show it.
+                self.state.label.weighing = Weighing::default();
                 self.next_query(None);
                 let text = format!("dream {} is deleted, and nothing is asked about it", dream.0 + 1);
                 self.offer(text, vec![("Bring it back".to_owned(), Command::BringBack(dream))]);

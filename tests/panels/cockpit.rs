@@ -51,7 +51,7 @@ fn a_kept_dream_is_looked_at_again_step_by_step() {
     backstage.slots.review.put(review(DreamId(0)));
     backstage.report(Report::Judged(judgement(DreamId(0))));
     harness.run_steps(2);
-    harness.get_by_label_contains("reward");
+    harness.get_by_label_contains(": reward ");
     press(&mut harness, Key::PageDown);
     assert_eq!(looks(&backstage).last(), Some(&(DreamId(1), 0)));
     press(&mut harness, Key::Escape);

@@ -168,6 +168,11 @@ fn start_ui(ui: &mut Ui, state: &State, idx: usize, name: &str) -> bool {
 fn aside_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
     let tokens = Tokens::of(ui);
     let live = state.dream.live.as_ref();
+    if state.is_reviewing() {
+        then_ui(ui, state);
+        kept_ui(ui, state, commands);
+        return;
+    }
     titled_card(ui, "Now", |ui| {
         let is_on = state.dream.is_on;
         let (rate, step) = match live.filter(|_| is_on) {
@@ -207,6 +212,20 @@ fn aside_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
             row_ui(ui, name, format!("{} · {}", nth(0), nth(1)));
         }
         row_ui(ui, "Gamepad", "left stick and triggers");
+    });
+}
+
+/// What was done at the step of a kept dream that is looked at.
+fn then_ui(ui: &mut Ui, state: &State) {
+    titled_card(ui, "Then", |ui| {
+        let Some(episode) = state.review.episode() else { return };
+        let step = state.review.step();
+        figure_ui(ui, step.to_string(), &format!("step of {}", episode.len()));
+        ui.add_space(6.0);
+        action_ui(ui, episode.actions.get(step).copied().unwrap_or_default());
+        row_ui(ui, "At the wheel", if episode.is_planned(step) { "the planner" } else { "by hand" });
+        row_ui(ui, "By the planner", counted(episode.n_planned(), "step"));
+        row_ui(ui, "Unsafe marks", episode.unsafe_marks.len().to_string());
     });
 }
 

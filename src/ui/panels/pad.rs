@@ -12,7 +12,7 @@ use crate::ui::keys::Deed;
 use crate::ui::pads::Place;
 use crate::ui::state::State;
 use crate::ui::tokens::{self, GAP, Tokens};
-use crate::ui::widgets::keycap::{KeyButton, Tone};
+use crate::ui::widgets::keycap::{KeyButton, Tone, paint_arrow};
 
 /// Where buttons are, on a pad of 300 by 190 points, and how large.
 const BUTTONS: [(PadButton, [f32; 2], f32); 12] = [
@@ -39,10 +39,10 @@ pub(super) fn button_name(button: PadButton) -> &'static str {
         PadButton::North => "Y",
         PadButton::LeftShoulder => "L1",
         PadButton::RightShoulder => "R1",
-        PadButton::Left => "←",
-        PadButton::Right => "→",
-        PadButton::Up => "↑",
-        PadButton::Down => "↓",
+        PadButton::Left => "Left",
+        PadButton::Right => "Right",
+        PadButton::Up => "Up",
+        PadButton::Down => "Down",
         PadButton::Start => "Start",
         PadButton::Back => "Back",
     }
@@ -166,12 +166,19 @@ fn button_ui(ui: &mut Ui, state: &State, button: PadButton, center: Pos2, radius
         Stroke::new(1.0, tokens.border),
         StrokeKind::Inside,
     );
-    let text = match button {
-        PadButton::Start => "▶",
-        PadButton::Back => "◀",
-        _ => button_name(button),
+    let along = match button {
+        PadButton::Left | PadButton::Back => Some(vec2(-1.0, 0.0)),
+        PadButton::Right | PadButton::Start => Some(vec2(1.0, 0.0)),
+        PadButton::Up => Some(vec2(0.0, -1.0)),
+        PadButton::Down => Some(vec2(0.0, 1.0)),
+        _ => None,
     };
-    ui.painter().text(center, Align2::CENTER_CENTER, text, FontId::proportional(10.5), ink);
+    if let Some(along) = along {
+        paint_arrow(ui.painter(), center, along, 4.5, ink);
+    } else {
+        let (name, font) = (button_name(button), FontId::proportional(10.5));
+        ui.painter().text(center, Align2::CENTER_CENTER, name, font, ink);
+    }
     response.on_hover_text(name)
 }
 

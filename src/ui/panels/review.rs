@@ -26,14 +26,14 @@ pub(super) fn review_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>)
     ui.horizontal(|ui| {
         ui.spacing_mut().item_spacing.x = 6.0;
         playing_ui(ui, state, commands);
-        let button = KeyButton::new("Delete").key(Key::Delete).tone(Tone::Quiet);
+        let button = KeyButton::new("Delete").key(Key::Delete).tone(Tone::Quiet).small();
         let response = button.show(ui).on_hover_text(resting(state, id).unwrap_or_else(|| {
             "Nothing is asked about it any more; its file stays, so that it can be brought back".to_owned()
         }));
         if response.clicked() || input::pressed(ui, Key::Delete) {
             commands.push(Command::DeleteDream(id));
         }
-        let close = KeyButton::new("Close").key(state.keys.of(Deed::Leave)).tone(Tone::Quiet);
+        let close = KeyButton::new("Close").key(state.keys.of(Deed::Leave)).tone(Tone::Quiet).small();
         if close.is_pressed(ui) {
             commands.push(Command::Review(None));
         }
@@ -57,6 +57,7 @@ pub(super) fn judged_ui(ui: &mut Ui, state: &State, height: f32, commands: &mut 
         ui.horizontal(|ui| {
             ui.spacing_mut().item_spacing.x = 2.0;
             playing_ui(ui, state, commands);
+            name_ui(ui, state);
         });
         let rest = right.bottom() - ui.cursor().top() - 4.0;
         strip(ui, state, id, (rest * 0.42).max(50.0), commands);
@@ -125,6 +126,11 @@ fn playing_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
             commands.push(Command::ReviewNext(by));
         }
     }
+}
+
+/// Which dream it is, and who drove it.
+fn name_ui(ui: &mut Ui, state: &State) {
+    let review = &state.review;
     let planned = review.episode().map_or(0, DreamEpisode::n_planned);
     let who = if planned > 0 { format!(", {planned} by the planner") } else { String::new() };
     let of = review.episode().map_or_else(String::new, |episode| counted(episode.len(), "step") + &who);

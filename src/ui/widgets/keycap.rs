@@ -178,6 +178,7 @@ pub(crate) fn key_name(key: Key) -> &'static str {
         Key::Escape => "Esc",
         Key::Space => "Space",
         Key::Backspace => "Back",
+        Key::Delete => "Del",
         Key::Enter => "Enter",
         Key::Period => ".",
         Key::Comma => ",",
