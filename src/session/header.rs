@@ -159,7 +159,7 @@ mod tests {
     fn the_header_looks_as_it_always_did() {
         let header = Header::new("car-racing", Protocol::Dropj, 7, "sha256:00", 0);
         let text = serde_json::to_string(&Header { app: "0.1.0".to_owned(), ..header }).unwrap();
-        insta::assert_snapshot!(text, @r#"{"format":4,"app":"0.1.0","env":"car-racing","protocol":"dropj","seed":7,"world_model":"sha256:00","created_at":0,"config":{"weights":{"safety":1.0,"default":0.75,"justifications":[["grass",1.0],["default",0.75]]},"annotator":"anonymous"}}"#);
+        insta::assert_snapshot!(text, @r#"{"format":3,"app":"0.1.0","env":"car-racing","protocol":"dropj","seed":7,"world_model":"sha256:00","created_at":0,"config":{"weights":{"safety":1.0,"default":0.75,"justifications":[["grass",1.0],["default",0.75]]},"annotator":"anonymous"}}"#);
     }
 
     #[test]
@@ -168,7 +168,7 @@ mod tests {
         std::fs::write(dir.path().join(FILE), r#"{"format": 9, "dreamer": "me"}"#).unwrap();
         let refused = Header::read(dir.path()).unwrap_err().to_string();
         assert!(
-            refused.starts_with("this is a session of format 9, and this program reads formats up to 4"),
+            refused.starts_with("this is a session of format 9, and this program reads formats up to 3"),
             "{refused}"
         );
         std::fs::write(dir.path().join(FILE), r#"{"format": 1, "dreamer": "me"}"#).unwrap();
