@@ -14,7 +14,10 @@ use crate::query::strategy::sample_pair;
 use crate::query::{DreamId, SEGMENT_LEN, SegmentRef};
 
 /// What each sign counts before anybody has skipped anything, in the order of [`SIGNS`].
-const SHIPPED: [f64; N_SIGNS] = [0.0; N_SIGNS];
+///
+/// A logistic regression on what was skipped by `simulate --queries 300 --dreams 6 --seed 0 --eps-skip 0.35` for Car Racing,
+/// rounded; the first three told too little there to count.
+const SHIPPED: [f64; N_SIGNS] = [0.0, 0.0, 0.0, 0.2, 0.1, 0.15, 0.15];
 /// How firmly that is believed: a deviation of one has the prior of a Gaussian with this precision.
 const FIRMNESS: f64 = 30.0;
 /// So many skips must there be before they teach anything.

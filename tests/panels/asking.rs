@@ -9,6 +9,7 @@ use dropj::session::{Answer, AskedQuery, Choice, Event as SessionEvent, hand_on}
 use dropj::worker::ScreenerCommand;
 
 use super::keys::Memory;
+use super::looks::has_adapter;
 use super::*;
 
 /// The label panel of somebody whose preferences are these.
@@ -219,4 +220,28 @@ fn those_who_answered_the_same_queries_are_compared() {
     harness.get_by_label("anonymous and ben");
     harness.get_by_label_contains("1 of 2 alike");
     harness.get_by_label_contains("2 answers, 3.0 s each");
+}
+
+#[test]
+fn what_is_asked_looks_as_it_did() {
+    if !has_adapter() {
+        return;
+    }
+    let dir = tempfile::tempdir().unwrap();
+    let store = session(dir.path(), Protocol::Dropj);
+    let memory = "(asking:(mix:(disagreement:30,boundary:20),again:5,held_back:20))".to_owned();
+    let memory = Memory([("preferences".to_owned(), memory)].into());
+    let memory: &'static Memory = Box::leak(Box::new(memory));
+    let (mut harness, backstage) =
+        window_with(dir.path(), Some(store), vec2(1280.0, 800.0), true, Some(memory));
+    go(&mut harness, Panel::Label);
+    for key in [Key::A, Key::Space, Key::Num1, Key::P] {
+        press(&mut harness, key);
+    }
+    for (id, n) in [(0, 200), (1, 90)] {
+        backstage.report(Report::Signs { dream: DreamId(id), seed: 7, signs: signs(n) });
+    }
+    change(&mut harness);
+    harness.run_steps(180);
+    harness.snapshot("asking");
 }
