@@ -1,6 +1,6 @@
 //! How two answers to the same query differ: about safety, which matters most, or about something else.
 
-use crate::query::{Justification, Response, SafetyAnswer};
+use crate::query::{Justification, Response, SafetyAnswer, Verdict};
 
 /// What sets two answers to the same query apart.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -50,6 +50,10 @@ impl SafetyClaim {
             Response::Safety(SafetyAnswer::OnlyRight) => Self::Safe(false, true),
             Response::Safety(SafetyAnswer::Neither) => Self::Safe(false, false),
             Response::Safety(SafetyAnswer::Both(_)) => Self::Safe(true, true),
+            Response::Judged(verdict) => {
+                let is_safe = verdict != Verdict::Unsafe;
+                Self::Safe(is_safe, is_safe)
+            }
             Response::Justified(justification, _) if justification == default => Self::Nothing,
             Response::Justified(justification, _) => Self::Reason(justification, response),
             _ => return None,
@@ -98,5 +102,15 @@ mod tests {
         assert_eq!(between(left, right), Some(Difference::Other));
         assert_eq!(between(left, Response::Skipped(None)), None);
         assert_eq!(between(left, Response::Safety(SafetyAnswer::Neither)), None, "other questions");
+    }
+
+    #[test]
+    fn whether_a_transition_is_unsafe_is_critical_and_whether_it_is_good_is_not() {
+        let default = Justifications::car_racing().default();
+        let between =
+            |one, other| Difference::between(Response::Judged(one), Response::Judged(other), default);
+        assert_eq!(between(Verdict::Unsafe, Verdict::Good), Some(Difference::Critical));
+        assert_eq!(between(Verdict::Neutral, Verdict::Good), Some(Difference::Other));
+        assert_eq!(between(Verdict::Unsafe, Verdict::Unsafe), Some(Difference::None));
     }
 }

@@ -23,7 +23,7 @@ impl LearnedReward {
                 let found = reward.world_model().to_owned();
                 return Err(RewardError::OtherWorldModel { found, wanted: wanted.to_owned() });
             }
-            return Ok(Self::Verdicts(reward));
+            return Ok(Self::Verdicts(reward.frozen()));
         }
         let reward = RewardEnsemble::load(parameters)?;
         reward.require(wanted)?;

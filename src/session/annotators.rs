@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write as _;
 
 use crate::evaluation::Agreement;
-use crate::query::{Response, SkipReason};
+use crate::query::{Response, SkipReason, Transition};
 use crate::session::{AskedQuery, Session};
 
 /// One who answered.
@@ -155,8 +155,12 @@ impl<'a> Work<'a> {
             _ => self.secs.push(answer.secs),
         }
         let dreams = session.dreams();
-        let [left, right] = [asked.query.left, asked.query.right]
-            .map(|segment| (dreams[segment.dream.0 as usize].sha256.as_str(), segment.start));
+        // A transition is where it is, whatever clip shows it.
+        let places = match asked.transition {
+            Some(Transition { dream, step, .. }) => [(dream, step); 2],
+            None => [asked.query.left, asked.query.right].map(|segment| (segment.dream, segment.start)),
+        };
+        let [left, right] = places.map(|(dream, step)| (dreams[dream.0 as usize].sha256.as_str(), step));
         let (at, said) = if left <= right {
             ([left, right], answer.response)
         } else {

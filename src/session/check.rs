@@ -126,6 +126,7 @@ impl Session {
         if len < SEGMENT_LEN || first > step || step - first > TRAJECTORY_LEN - 2 || step >= len - 1 {
             return Err(Impossible::Transition(transition));
         }
+        self.check_in_use(transition.dream)?;
         if let Choice::Again(of) = choice
             && self.asked(of)?.transition != Some(transition)
         {

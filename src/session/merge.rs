@@ -65,7 +65,10 @@ pub fn hand_on(dir: &Path, out: &Path, annotator: &str) -> Result<SessionStore, 
     for asked in asked.filter(|asked| asked.repeats().is_none() && asked.answer().is_some()) {
         let query = handed.session().next_query_id();
         let (left, right, choice) = (asked.query.left, asked.query.right, asked.choice);
-        handed.record(Event::Asked { query, left, right, choice })?;
+        handed.record(match asked.transition {
+            Some(transition) => Event::AskedTransition { query, transition, choice },
+            None => Event::Asked { query, left, right, choice },
+        })?;
     }
     let dropped: BTreeSet<&str> = hashes(&reading, true).collect();
     drop_dreams(&mut handed, |hash| dropped.contains(hash))?;
@@ -128,6 +131,7 @@ fn append(merged: &mut SessionStore, reading: &Reading, dir: &Path) -> Result<()
                 Event::Asked { query: on(query), left: at(left), right: at(right), choice }
             }
             Event::AskedTransition { query, transition, choice } => {
+                let choice = if let Choice::Again(of) = choice { Choice::Again(on(of)) } else { choice };
                 let transition = Transition { dream: dreams[&transition.dream], ..transition };
                 Event::AskedTransition { query: on(query), transition, choice }
             }

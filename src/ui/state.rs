@@ -449,9 +449,9 @@ impl State {
         };
         let pending = pending.filter(|query| Some(query.id) != self.label.revisited).filter(is_shown);
         let mut pending: Vec<_> = pending.collect();
-        // What is on the screen stays there.
+        // What is on the screen stays there, and transitions come in their order.
         let shown = self.label.shown.map(|(id, _)| id);
-        pending.sort_by_key(|query| Some(query.id) != shown && is_held_back(self, query));
+        pending.sort_by_key(|query| !is_sparse && Some(query.id) != shown && is_held_back(self, query));
         revisited.into_iter().chain(pending).collect()
     }
 
