@@ -84,8 +84,8 @@ fn lanes(ui: &Ui, inner: Rect, strip: Strip<'_>, x: &dyn Fn(f32) -> f32) {
         );
         ui.painter().rect_filled(span, CornerRadius::same(1), color);
     };
-    for range in strip.asked {
-        lane(range, inner.top() + 7.0, inner.height() - 16.0, tokens.accent.gamma_multiply(0.10));
+    for range in united(strip.asked) {
+        lane(&range, inner.top() + 7.0, inner.height() - 16.0, tokens.accent.gamma_multiply(0.14));
     }
     lane(&(0..strip.len), inner.bottom() - 4.0, 4.0, tokens.border);
     for range in strip.planned {
@@ -96,6 +96,20 @@ fn lanes(ui: &Ui, inner: Rect, strip: Strip<'_>, x: &dyn Fn(f32) -> f32) {
         let triangle = vec![tip, tip + vec2(-4.0, -6.0), tip + vec2(4.0, -6.0)];
         ui.painter().add(Shape::convex_polygon(triangle, tokens.warn, Stroke::NONE));
     }
+}
+
+/// The same steps as ranges that do not overlap.
+fn united(ranges: &[Range<usize>]) -> Vec<Range<usize>> {
+    let mut sorted = ranges.to_vec();
+    sorted.sort_by_key(|range| range.start);
+    let mut united: Vec<Range<usize>> = Vec::new();
+    for range in sorted {
+        match united.last_mut() {
+            Some(last) if range.start <= last.end => last.end = last.end.max(range.end),
+            _ => united.push(range),
+        }
+    }
+    united
 }
 
 /// The mean of the members as a line, and where they lie as a band.
@@ -127,7 +141,8 @@ pub(crate) fn promises_ui(
 ) {
     let tokens = Tokens::of(ui);
     let values = promises.iter().flat_map(|promise| [Some(promise.now), promise.before]).flatten();
-    let most = values.fold(0.1_f32, |most, value| most.max(value.abs()));
+    let (least, most) =
+        values.fold((0.0_f32, 0.1_f32), |(least, most), value| (least.min(value), most.max(value)));
     let gap = 4.0;
     let width = ((ui.available_width() + gap) / promises.len().max(1) as f32 - gap).max(4.0);
     ui.horizontal(|ui| {
@@ -143,7 +158,7 @@ pub(crate) fn promises_ui(
                 promise.now
             );
             response.widget_info(|| WidgetInfo::labeled(Role::Image, true, &name));
-            let y = |value: f32| remap(value, -most..=most, rect.bottom() - 6.0..=rect.top());
+            let y = |value: f32| remap(value, least..=most, rect.bottom() - 6.0..=rect.top());
             let bar = Rect::from_x_y_ranges(
                 rect.x_range(),
                 y(promise.now.max(0.0))..=y(promise.now.min(0.0)).max(y(promise.now.max(0.0)) + 1.0),
@@ -163,4 +178,14 @@ pub(crate) fn promises_ui(
             response.on_hover_text(format!("{name}\n{}", promise.actions));
         }
     });
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn clips_that_overlap_are_drawn_once() {
+        assert_eq!(united(&[40..60, 0..20, 10..30, 60..80]), [0..30, 40..80]);
+    }
 }
