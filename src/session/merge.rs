@@ -65,7 +65,10 @@ pub fn hand_on(dir: &Path, out: &Path, annotator: &str) -> Result<SessionStore, 
     for asked in asked.filter(|asked| asked.repeats().is_none() && asked.answer().is_some()) {
         let query = handed.session().next_query_id();
         let (left, right, choice) = (asked.query.left, asked.query.right, asked.choice);
-        handed.record(Event::Asked { query, left, right, choice })?;
+        handed.record(match asked.transition {
+            None => Event::Asked { query, left, right, choice },
+            Some(transition) => Event::AskedTransition { query, transition, choice },
+        })?;
     }
     let dropped: BTreeSet<&str> = hashes(&reading, true).collect();
     drop_dreams(&mut handed, |hash| dropped.contains(hash))?;
