@@ -36,6 +36,8 @@ impl Difference {
 pub enum SafetyClaim {
     /// Whether the left clip is safe, and the right one.
     Safe(bool, bool),
+    /// Whether a single step is unsafe.
+    Unsafe(bool),
     /// No justification but the default tells the clips apart.
     Nothing,
     /// This justification does, in this way.
@@ -56,7 +58,8 @@ impl SafetyClaim {
             }
             Response::Justified(justification, _) if justification == default => Self::Nothing,
             Response::Justified(justification, _) => Self::Reason(justification, response),
-            _ => return None,
+            Response::Judged(verdict) => Self::Unsafe(verdict == Verdict::Unsafe),
+            Response::Preferred(_) | Response::Skipped(_) => return None,
         })
     }
 }
@@ -100,6 +103,9 @@ mod tests {
         let between = |one, other| Difference::between(one, other, default);
         let [left, right] = [Preference::Left, Preference::Right].map(Response::Preferred);
         assert_eq!(between(left, right), Some(Difference::Other));
+        let [unsafe_one, neutral, good] = Verdict::ALL.map(Response::Judged);
+        assert_eq!(between(unsafe_one, good), Some(Difference::Critical), "but those of single steps are");
+        assert_eq!(between(neutral, good), Some(Difference::Other));
         assert_eq!(between(left, Response::Skipped(None)), None);
         assert_eq!(between(left, Response::Safety(SafetyAnswer::Neither)), None, "other questions");
     }

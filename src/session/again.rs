@@ -26,8 +26,9 @@ impl Session {
         let Some(n_long_ago) = answers.len().checked_sub(AGAIN_AFTER) else { return Vec::new() };
         let is_repeated = |id| self.queries().iter().any(|asked| asked.repeats() == Some(id));
         let could_be = |id: &QueryId| {
-            let is_one = self.query(*id).is_some_and(|asked| asked.repeats().is_some());
-            !is_one && !is_repeated(*id)
+            // A single step has no sides to change over.
+            let is_pair = |asked: &AskedQuery| asked.transition.is_none() && asked.repeats().is_none();
+            self.query(*id).is_some_and(is_pair) && !is_repeated(*id)
         };
         let long_ago = answers[..n_long_ago].iter().filter(|given| {
             let is_skip = matches!(given.answer.response, Response::Skipped(_));

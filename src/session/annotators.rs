@@ -45,6 +45,9 @@ pub struct Annotators {
 /// A segment by the content of its dream, whatever its number in a session.
 type Place<'a> = (&'a str, usize);
 
+/// What a query shows: both places, and the step that is asked about, where it is a single one.
+type Shown<'a> = ([Place<'a>; 2], Option<usize>);
+
 /// What an annotator did.
 #[derive(Default)]
 struct Work<'a> {
@@ -54,7 +57,7 @@ struct Work<'a> {
     secs: Vec<f32>,
     repeated: Vec<(Response, Response)>,
     /// By pair of segments, and seen with the lesser one on the left.
-    said: BTreeMap<[Place<'a>; 2], Response>,
+    said: BTreeMap<Shown<'a>, Response>,
 }
 
 impl Annotators {
@@ -166,7 +169,8 @@ impl<'a> Work<'a> {
         } else {
             ([right, left], answer.response.mirrored())
         };
-        self.said.entry(at).or_insert(said);
+        let step = asked.transition.map(|transition| transition.step);
+        self.said.entry((at, step)).or_insert(said);
     }
 }
 

@@ -66,8 +66,8 @@ pub fn hand_on(dir: &Path, out: &Path, annotator: &str) -> Result<SessionStore, 
         let query = handed.session().next_query_id();
         let (left, right, choice) = (asked.query.left, asked.query.right, asked.choice);
         handed.record(match asked.transition {
-            Some(transition) => Event::AskedTransition { query, transition, choice },
             None => Event::Asked { query, left, right, choice },
+            Some(transition) => Event::AskedTransition { query, transition, choice },
         })?;
     }
     let dropped: BTreeSet<&str> = hashes(&reading, true).collect();
