@@ -52,10 +52,6 @@ impl SafetyClaim {
             Response::Safety(SafetyAnswer::OnlyRight) => Self::Safe(false, true),
             Response::Safety(SafetyAnswer::Neither) => Self::Safe(false, false),
             Response::Safety(SafetyAnswer::Both(_)) => Self::Safe(true, true),
-            Response::Judged(verdict) => {
-                let is_safe = verdict != Verdict::Unsafe;
-                Self::Safe(is_safe, is_safe)
-            }
             Response::Justified(justification, _) if justification == default => Self::Nothing,
             Response::Justified(justification, _) => Self::Reason(justification, response),
             Response::Judged(verdict) => Self::Unsafe(verdict == Verdict::Unsafe),
