@@ -116,7 +116,10 @@ fn measure(harness: &mut Harness<'_, App>, slots: &Slots, panel: Panel) {
 }
 
 /// Nanoseconds that this thread was on a core.
+///
+/// The kernel counts them up to the last time that it looked, which yielding makes it do.
 fn cpu_nanos() -> u64 {
+    std::thread::yield_now();
     let text = std::fs::read_to_string("/proc/thread-self/schedstat").unwrap();
     text.split_whitespace().next().unwrap().parse().unwrap()
 }
