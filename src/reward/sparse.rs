@@ -63,8 +63,8 @@ impl SparseConfig {
             batch: 32,
             learning_rate: 1e-3,
             epochs: 200,
-            // DIFFERENCE: the authors take 200 passes, 11 000 steps for their 2205 labels; what is held out is foretold
-            // no better after far fewer, and somebody waits.
+            // DIFFERENCE: the authors take 200 passes, 11 000 steps for their 2205 labels; somebody waits here, and the
+            // state that foretells best what is held out is kept anyway.
             updates: 2000,
             held_out: 0.2,
             keeps_best: true,
