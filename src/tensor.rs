@@ -129,6 +129,9 @@ impl Parameters {
     }
 
     /// Those given by name, with `metadata` in the header.
+    ///
+    /// The same parameters have the same bytes, and so the same hash, only with one entry of metadata at the most: the
+    /// format keeps several in no order.
     pub fn from_tensors(
         tensors: impl IntoIterator<Item = (String, Tensor)>,
         metadata: &[(&str, String)],
@@ -173,16 +176,11 @@ impl Parameters {
         Ok(())
     }
 
-    /// These and others, with `metadata` beside what the header holds.
-    pub fn with(
-        &self,
-        others: impl IntoIterator<Item = (String, Tensor)>,
-        metadata: &[(&str, String)],
-    ) -> Self {
+    /// These and others, under the same header.
+    pub fn with(&self, others: impl IntoIterator<Item = (String, Tensor)>) -> Self {
         let Ok((_, header)) = SafeTensors::read_metadata(&self.bytes) else { return self.clone() };
-        let old = header.metadata().clone().unwrap_or_default();
-        let old = old.iter().map(|(key, value)| (key.as_str(), value.clone()));
-        let metadata: Vec<_> = old.chain(metadata.iter().cloned()).collect();
+        let metadata = header.metadata().clone().unwrap_or_default();
+        let metadata: Vec<_> = metadata.iter().map(|(key, value)| (key.as_str(), value.clone())).collect();
         let own =
             header.offset_keys().into_iter().filter_map(|name| Some((name.clone(), self.tensor(&name)?)));
         Self::from_tensors(own.chain(others), &metadata)

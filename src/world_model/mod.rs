@@ -225,15 +225,17 @@ impl WorldModel {
         Parameters::of(&[("vae", vision), ("mdn_rnn", memory)], &[("config", header)])
     }
 
-    /// This model's parameters with `starts` beside them, and the episodes that were held out in the header.
+    /// This model's parameters with `starts` beside them, and the numbers of the episodes that were held out.
     pub fn parameters_with_starts(&self, starts: &[LatentState], held_out: &[usize]) -> Parameters {
-        let held_out = serde_json::to_string(held_out).unwrap_or_else(|e| unreachable!("plain numbers: {e}"));
-        self.parameters.with(starts::pack(starts), &[("held_out", held_out)])
+        let held_out: Vec<f32> = held_out.iter().map(|&episode| episode as f32).collect();
+        let held_out = ("held_out".to_owned(), Tensor::from_slice(&held_out));
+        self.parameters.with(starts::pack(starts).into_iter().chain([held_out]))
     }
 
     /// The recorded episodes that this model was never trained on, where its file says so.
     pub fn held_out(&self) -> Option<Vec<usize>> {
-        serde_json::from_str(&self.parameters.metadata("held_out")?).ok()
+        let held_out = self.parameters.tensor("held_out")?;
+        Some(to_vec(&held_out).into_iter().map(|episode| episode as usize).collect())
     }
 
     /// Where dreams may start: moments of held-out real episodes, their memory warm.
