@@ -1,0 +1,127 @@
+//! What workers show: plain data for the eye.
+
+use std::sync::Arc;
+
+use crate::env::{Action, Frame};
+use crate::evaluation::EpisodeMetrics;
+use crate::query::DreamId;
+
+/// What a person sees while driving, and how well the clock keeps.
+#[derive(Clone, Debug)]
+pub struct LiveView {
+    /// What the models see.
+    pub frame: Frame,
+    /// The real scene as a person sees it, where that is what is driven: width, height, RGB bytes.
+    pub picture: Option<(u32, u32, Arc<[u8]>)>,
+    /// Its number, from 0.
+    pub step: usize,
+    /// The action that was taken.
+    pub action: Action,
+    /// Steps a second over the last second.
+    pub steps_per_sec: f32,
+    /// Pictures a second over the last second: steps are never left out, but pictures are where time is short.
+    pub pictures_per_sec: f32,
+    /// Steps that came more than a step too late, since the start.
+    pub n_late: usize,
+    /// Whether the clock stands.
+    pub is_paused: bool,
+    /// Marks given so far.
+    pub n_unsafe_marks: usize,
+    /// Whether the planner drives, and not a person.
+    pub is_planned: bool,
+    /// How many of the real car's four wheels are off the road now, whatever the environment's latch says.
+    pub wheels_off: Option<u8>,
+}
+
+/// How a dream rides beside the real car.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Beside {
+    /// After how many steps it looks at the real world and begins anew, if ever.
+    pub reset: Option<usize>,
+}
+
+/// A dream beside the real car, under the same actions.
+#[derive(Clone, Debug)]
+pub struct BesideView {
+    /// What is dreamt.
+    pub frame: Frame,
+    /// The step of the real car.
+    pub step: usize,
+    /// How many steps ago the dream last saw the real world.
+    pub since: usize,
+    /// How far the dream's picture is from the real one: the root of the mean squared difference, in `[0, 1]`.
+    pub drift: f32,
+}
+
+/// What the planner thinks of one course of action.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Promise {
+    /// Its actions in words, run by run: `left 4 · straight 11`.
+    pub actions: String,
+    /// What the reward promises of it.
+    pub now: f32,
+    /// What the reward promised that it is compared with.
+    pub before: Option<f32>,
+}
+
+/// A step of a kept dream, looked at again.
+#[derive(Clone, Debug)]
+pub struct ReviewView {
+    /// Of which dream.
+    pub dream: DreamId,
+    /// Which step.
+    pub step: usize,
+    /// What was seen.
+    pub frame: Frame,
+    /// What the planner would choose from there; nothing without a reward.
+    pub promises: Vec<Promise>,
+    /// The one that it would drive.
+    pub chosen: usize,
+    /// The one that it would have driven by the reward that this one is compared with.
+    pub chosen_before: Option<usize>,
+}
+
+/// What the reward says of every step of a dream.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Judgement {
+    /// Which dream.
+    pub dream: DreamId,
+    /// The mean of the ensemble, step by step.
+    pub rewards: Vec<f32>,
+    /// The lowest of its members.
+    pub low: Vec<f32>,
+    /// The highest.
+    pub high: Vec<f32>,
+}
+
+/// One imagined future, for the eye.
+#[derive(Clone, Debug)]
+pub struct CandidateView {
+    /// Its actions in words, run by run: `left 4 · straight 11`.
+    pub actions: String,
+    /// What the reward promises of it.
+    pub predicted_return: f32,
+    /// Its last picture, and a few on the way.
+    pub frames: Vec<Frame>,
+}
+
+/// The real car under the planner, and what it thought of.
+#[derive(Clone, Debug)]
+pub struct DriveView {
+    /// What the models see.
+    pub frame: Frame,
+    /// The scene as a person sees it: width, height, RGB bytes.
+    pub picture: (u32, u32, Arc<[u8]>),
+    /// Steps so far.
+    pub step: usize,
+    /// The running figures of this episode.
+    pub metrics: EpisodeMetrics,
+    /// The candidates of a recent plan, in order: the latest one that there was time to draw.
+    pub candidates: Arc<[CandidateView]>,
+    /// Which of these was chosen.
+    pub chosen: usize,
+    /// How long the latest plan took, in milliseconds.
+    pub plan_ms: f32,
+    /// How many of the four wheels are off the road now, whatever the environment's latch says.
+    pub wheels_off: u8,
+}
