@@ -156,6 +156,6 @@ pub enum ModelerCommand {
         /// Whether to go on from a checkpoint.
         resume: bool,
     },
-    /// Stops at the next update, which is reported as [`Report::Failed`]; it can be resumed.
+    /// Stops at the next update, which is reported as [`Report::Failed`](crate::worker::Report::Failed); it can be resumed.
     Stop,
 }

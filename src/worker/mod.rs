@@ -1,7 +1,7 @@
 //! Threads: every slow part runs in a named one of its own, hears commands and sends reports.
 //!
 //! The only module that starts a thread. A worker owns its models and shares nothing: what crosses a channel is plain
-//! data, and networks travel as [`Parameters`]. Only the live picture and the live action go through [`Latest`] slots.
+//! data, and networks travel as [`Parameters`](crate::tensor::Parameters). Only the live picture and the live action go through [`Latest`] slots.
 
 mod clock;
 mod command;
