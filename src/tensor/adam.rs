@@ -9,6 +9,9 @@ const BETA_1: f64 = 0.9;
 const BETA_2: f64 = 0.999;
 const EPSILON: f64 = 1e-8;
 
+/// Entries that are moved at a time: four arrays of so many stay near the processor, and a step is all memory traffic.
+const BLOCK: i64 = 1 << 16;
+
 /// Adam over every variable of a store.
 #[derive(Debug)]
 pub struct Adam {
@@ -51,15 +54,22 @@ impl Adam {
         let offset = -EPSILON / rate;
         tch::no_grad(|| {
             for Slot { variable, moments: [mean, square], .. } in &mut self.slots {
-                let mut gradient = variable.grad();
-                if let Some(clip) = clip {
-                    gradient = gradient.clamp_(-clip, clip);
+                let all = [variable.detach(), variable.grad(), mean.shallow_clone(), square.shallow_clone()];
+                let all = all.map(|tensor| tensor.view(-1));
+                let n = all[0].size()[0];
+                for start in (0..n).step_by(BLOCK as usize) {
+                    let block = |i: usize| all[i].narrow(0, start, BLOCK.min(n - start));
+                    let (mut variable, mut gradient, mut mean, mut square) =
+                        (block(0), block(1), block(2), block(3));
+                    if let Some(clip) = clip {
+                        gradient = gradient.clamp_(-clip, clip);
+                    }
+                    mean = mean.g_mul_scalar_(BETA_1).g_add_(&gradient);
+                    square = square.g_mul_scalar_(BETA_2).addcmul_(&gradient, &gradient);
+                    let scale = square.sqrt().g_mul_scalar_(slope).g_add_scalar_(offset);
+                    let _ = variable.addcdiv_(&mean, &scale);
+                    let _ = gradient.zero_();
                 }
-                *mean = mean.g_mul_scalar_(BETA_1).g_add_(&gradient);
-                *square = square.g_mul_scalar_(BETA_2).addcmul_(&gradient, &gradient);
-                let scale = square.sqrt().g_mul_scalar_(slope).g_add_scalar_(offset);
-                *variable = variable.addcdiv_(mean, &scale);
-                variable.zero_grad();
             }
         });
     }

@@ -195,7 +195,11 @@ impl Vae {
         let (mean, log_var) = self.encode(pixels);
         let z = &mean + (&log_var * 0.5).exp() * noise;
         let error: Tensor = self.decode(&z) - pixels;
-        let reconstruction = (error.square() * self.weights(pixels)).sum(Kind::Float) / b as f64;
+        let mut square = error.square();
+        if self.config.emphasis > 0.0 {
+            square = square * self.weights(pixels);
+        }
+        let reconstruction = square.sum(Kind::Float) / b as f64;
         let terms: Tensor = 1.0 + &log_var - mean.square() - log_var.exp();
         let divergence = terms.sum_dim_intlist(1, false, Kind::Float) * -0.5; // [B]
         let floor = self.config.free_bits * self.config.latent as f64;
@@ -300,11 +304,10 @@ impl Conv {
             let y = channels_first(x).conv2d(&weight, Some(&bias), [stride; 2], [padding; 2], [1; 2], 1);
             return channels_last(&y);
         }
-        let patches = x.constant_pad_nd([0, 0, padding, padding, padding, padding]);
-        let patches = patches.unfold(1, k, stride).unfold(2, k, stride); // [B, P', P', C, k, k]
-        let [b, p, q, c, ..] = dims::<6>(&patches);
-        let rows = patches.permute([0, 1, 2, 4, 5, 3]).reshape([b * p * q, k * k * c]);
-        bias.addmm(&rows, &weight).view([b, p, q, channels])
+        let padded = x.constant_pad_nd([0, 0, padding, padding, padding, padding]);
+        let rows = side_by_side(&side_by_side(&padded, 2, k, stride), 1, k, stride);
+        let [b, p, q, width] = dims(&rows); // [B, P', P', k k C]
+        bias.addmm(&rows.view([b * p * q, width]), &weight).view([b, p, q, channels])
     }
 }
 
@@ -343,6 +346,7 @@ impl Deconv {
         let (weight, bias) = (self.weight.to_kind(kind), self.bias.to_kind(kind));
         if !self.is_matrix {
             let x = channels_first(x);
+            // The bias by itself: within the convolution its gradient is slow.
             let y = x.conv_transpose2d(&weight, Some(&bias), [stride; 2], [padding; 2], [0; 2], 1, [1; 2]);
             return channels_last(&y);
         }
@@ -359,6 +363,18 @@ impl Deconv {
         let inside = |y: &Tensor, axis| y.narrow(axis, padding, y.size()[axis as usize] - 2 * padding);
         inside(&inside(&y, 1), 2) + bias
     }
+}
+
+/// What a kernel of `k` places sees along `axis` as it moves by `stride`, side by side as channels.
+///
+/// # Shapes
+/// - `x`: `[B, P, Q, C]`
+/// - returns `[B, P, Q, k C]`, with only the kernel's places along `axis`
+fn side_by_side(x: &Tensor, axis: i64, k: i64, stride: i64) -> Tensor {
+    let reach = x.size()[axis as usize] - k; // from the first place of the kernel to the last
+    // Not `unfold`: its gradient is slow.
+    let seen: Vec<_> = (0..k).map(|i| x.slice(axis, i, i + reach + 1, stride)).collect();
+    Tensor::cat(&seen, 3)
 }
 
 /// Adds up `n` stamps of length `k`, each one place after the last.
