@@ -4,6 +4,7 @@
 
 pub mod fit;
 mod foresight;
+mod layers;
 pub mod mdn_rnn;
 mod starts;
 pub mod vae;
@@ -19,8 +20,9 @@ use crate::env::{Action, Frame};
 use crate::tensor::{Parameters, ParametersError, from_frames, from_slice, to_frames, to_vec};
 
 use foresight::Foresight;
+pub use layers::Layer;
 pub use mdn_rnn::{MdnRnn, MdnRnnConfig, Memory, Mixture, Noise};
-pub use vae::{Layer, Vae, VaeConfig};
+pub use vae::{Vae, VaeConfig};
 
 /// The shapes of both networks.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

@@ -6,21 +6,8 @@ use rand::Rng;
 use serde::{Deserialize, Serialize};
 use tch::{Kind, Tensor, nn};
 
-use crate::tensor::{dims, uniform};
-
-/// One convolution: what it makes and how it moves.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Layer {
-    /// Channels that come out.
-    pub channels: i64,
-    /// Pixels a side of the kernel.
-    pub kernel: i64,
-    /// Pixels from one place of the kernel to the next.
-    pub stride: i64,
-    /// Pixels added on every side.
-    pub padding: i64,
-}
+use crate::tensor::dims;
+use crate::world_model::layers::{Conv, Deconv, Layer, Linear, channels_last};
 
 /// The shape of a [`Vae`] and its one hyper-parameter.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -197,7 +184,7 @@ impl Vae {
         let error: Tensor = self.decode(&z) - pixels;
         let mut square = error.square();
         if self.config.emphasis > 0.0 {
-            square = square * self.weights(pixels);
+            square *= self.weights(pixels);
         }
         let reconstruction = square.sum(Kind::Float) / b as f64;
         let terms: Tensor = 1.0 + &log_var - mean.square() - log_var.exp();
@@ -228,166 +215,6 @@ pub struct VaeLoss {
     pub reconstruction: Tensor,
     /// Nats beyond the prior, at least the free ones: `[]`.
     pub divergence: Tensor,
-}
-
-/// `y = x Wᵀ + b`.
-#[derive(Debug)]
-struct Linear {
-    weight: Tensor,
-    bias: Tensor,
-}
-
-impl Linear {
-    fn new(path: &nn::Path<'_>, inputs: i64, outputs: i64, rng: &mut impl Rng) -> Self {
-        let bound = 1.0 / (inputs as f64).sqrt();
-        let weight = path.var_copy("weight", &uniform(rng, &[outputs, inputs], bound));
-        let bias = path.var_copy("bias", &uniform(rng, &[outputs], bound));
-        Self { weight, bias }
-    }
-
-    fn frozen(&self) -> Self {
-        Self { weight: self.weight.detach().copy(), bias: self.bias.detach().copy() }
-    }
-
-    fn forward(&self, x: &Tensor) -> Tensor {
-        x.linear(&self.weight, Some(&self.bias))
-    }
-}
-
-/// The layers that are large and cover few pixels pass faster as one matrix product (measured; see the benches).
-fn as_matrix(inputs: i64, layer: Layer) -> bool {
-    let large = if layer.padding == 0 { 280 } else { 700 };
-    inputs + layer.channels >= large && layer.kernel == 4
-}
-
-fn channels_first(x: &Tensor) -> Tensor {
-    x.permute([0, 3, 1, 2])
-}
-
-fn channels_last(x: &Tensor) -> Tensor {
-    x.permute([0, 2, 3, 1])
-}
-
-/// A convolution over channels-last pictures.
-///
-/// As a matrix its weight is `[k · k · in, out]`, rows ordered by kernel row, kernel column, channel;
-/// otherwise `[out, in, k, k]`.
-#[derive(Debug)]
-struct Conv {
-    layer: Layer,
-    is_matrix: bool,
-    weight: Tensor,
-    bias: Tensor,
-}
-
-impl Conv {
-    fn new(path: &nn::Path<'_>, inputs: i64, layer: Layer, rng: &mut impl Rng) -> Self {
-        let (k, out) = (layer.kernel, layer.channels);
-        let bound = 1.0 / ((inputs * k * k) as f64).sqrt();
-        let is_matrix = as_matrix(inputs, layer);
-        let shape = if is_matrix { vec![k * k * inputs, out] } else { vec![out, inputs, k, k] };
-        let weight = path.var_copy("weight", &uniform(rng, &shape, bound));
-        let bias = path.var_copy("bias", &uniform(rng, &[out], bound));
-        Self { layer, is_matrix, weight, bias }
-    }
-
-    fn frozen(&self, kind: Kind) -> Self {
-        let weight = self.weight.detach().to_kind(kind).copy();
-        let bias = self.bias.detach().to_kind(kind).copy();
-        Self { layer: self.layer, is_matrix: self.is_matrix, weight, bias }
-    }
-
-    fn forward(&self, x: &Tensor, kind: Kind) -> Tensor {
-        let Layer { channels, kernel: k, stride, padding } = self.layer;
-        let (weight, bias) = (self.weight.to_kind(kind), self.bias.to_kind(kind));
-        if !self.is_matrix {
-            let y = channels_first(x).conv2d(&weight, Some(&bias), [stride; 2], [padding; 2], [1; 2], 1);
-            return channels_last(&y);
-        }
-        let padded = x.constant_pad_nd([0, 0, padding, padding, padding, padding]);
-        let rows = side_by_side(&side_by_side(&padded, 2, k, stride), 1, k, stride);
-        let [b, p, q, width] = dims(&rows); // [B, P', P', k k C]
-        bias.addmm(&rows.view([b * p * q, width]), &weight).view([b, p, q, channels])
-    }
-}
-
-/// A transposed convolution over channels-last pictures.
-///
-/// As a matrix its weight is `[in, k · k · out]`, columns ordered by kernel row, kernel column, channel;
-/// otherwise `[in, out, k, k]`.
-#[derive(Debug)]
-struct Deconv {
-    layer: Layer,
-    is_matrix: bool,
-    weight: Tensor,
-    bias: Tensor,
-}
-
-impl Deconv {
-    fn new(path: &nn::Path<'_>, inputs: i64, layer: Layer, rng: &mut impl Rng) -> Self {
-        let (k, out) = (layer.kernel, layer.channels);
-        // PyTorch reads the fan-in of a transposed convolution off the wrong axis: the outputs.
-        let bound = 1.0 / ((out * k * k) as f64).sqrt();
-        let is_matrix = as_matrix(inputs, layer);
-        let shape = if is_matrix { vec![inputs, k * k * out] } else { vec![inputs, out, k, k] };
-        let weight = path.var_copy("weight", &uniform(rng, &shape, bound));
-        let bias = path.var_copy("bias", &uniform(rng, &[out], bound));
-        Self { layer, is_matrix, weight, bias }
-    }
-
-    fn frozen(&self, kind: Kind) -> Self {
-        let weight = self.weight.detach().to_kind(kind).copy();
-        let bias = self.bias.detach().to_kind(kind).copy();
-        Self { layer: self.layer, is_matrix: self.is_matrix, weight, bias }
-    }
-
-    fn forward(&self, x: &Tensor, kind: Kind) -> Tensor {
-        let Layer { channels, kernel: k, stride, padding } = self.layer;
-        let (weight, bias) = (self.weight.to_kind(kind), self.bias.to_kind(kind));
-        if !self.is_matrix {
-            let x = channels_first(x);
-            // The bias by itself: within the convolution its gradient is slow.
-            let y = x.conv_transpose2d(&weight, Some(&bias), [stride; 2], [padding; 2], [0; 2], 1, [1; 2]);
-            return channels_last(&y);
-        }
-        // Every input pixel stamps a k × k patch; overlapping stamps add up, row by row and then column by column.
-        // A stride of s makes of k rows k / s groups of s that stay together.
-        let [b, p, q, c] = dims(x);
-        let (n, width) = (k / stride, stride * k * channels);
-        let stamps = x.reshape([b * p * q, c]).matmul(&weight).view([b, p, q, n, width]);
-        let rows = overlap(&stamps.permute([0, 2, 1, 3, 4]).reshape([b * q, p, n, width])); // [B Q, p + n − 1, s k C]
-        let p = (p - 1) * stride + k;
-        let rows = rows.view([b, q, p, k, channels]).permute([0, 2, 1, 3, 4]);
-        let y = overlap(&rows.reshape([b * p, q, n, stride * channels])); // [B P', q + n − 1, s C]
-        let y = y.view([b, p, (q - 1) * stride + k, channels]);
-        let inside = |y: &Tensor, axis| y.narrow(axis, padding, y.size()[axis as usize] - 2 * padding);
-        inside(&inside(&y, 1), 2) + bias
-    }
-}
-
-/// What a kernel of `k` places sees along `axis` as it moves by `stride`, side by side as channels.
-///
-/// # Shapes
-/// - `x`: `[B, P, Q, C]`
-/// - returns `[B, P, Q, k C]`, with only the kernel's places along `axis`
-fn side_by_side(x: &Tensor, axis: i64, k: i64, stride: i64) -> Tensor {
-    let reach = x.size()[axis as usize] - k; // from the first place of the kernel to the last
-    // Not `unfold`: its gradient is slow.
-    let seen: Vec<_> = (0..k).map(|i| x.slice(axis, i, i + reach + 1, stride)).collect();
-    Tensor::cat(&seen, 3)
-}
-
-/// Adds up `n` stamps of length `k`, each one place after the last.
-///
-/// # Shapes
-/// - `stamps`: `[B, n, k, C]`
-/// - returns `[B, n + k − 1, C]`
-fn overlap(stamps: &Tensor) -> Tensor {
-    let [b, n, k, c] = dims(stamps);
-    // Padding each stamp to length n + k and reading the whole as rows of n + k − 1 shifts each by one more place.
-    let padded = stamps.constant_pad_nd([0, 0, 0, n]); // [B, n, n + k, C]
-    let skewed = padded.view([b, n * (n + k), c]).narrow(1, 0, n * (n + k - 1));
-    skewed.reshape([b, n, n + k - 1, c]).sum_dim_intlist(1, false, None::<Kind>)
 }
 
 #[cfg(test)]
@@ -439,30 +266,6 @@ mod tests {
         let pixels = Tensor::zeros([2, 84, 84, 3], (Kind::Float, Device::Cpu));
         let loss = vae.loss(&pixels, &normal(&mut rng(), &[2, 32]));
         assert_eq!(loss.divergence.double_value(&[]), 16.0);
-    }
-
-    #[test]
-    fn a_convolution_as_a_matrix_is_the_same_convolution() {
-        for (inputs, channels, stride, padding) in [(96, 200, 1, 0), (96, 200, 2, 0), (300, 400, 2, 1)] {
-            let layer = Layer { channels, kernel: 4, stride, padding };
-            let store = nn::VarStore::new(Device::Cpu);
-            let conv = Conv::new(&(store.root() / "c"), inputs, layer, &mut rng());
-            let deconv = Deconv::new(&(store.root() / "d"), inputs, layer, &mut rng());
-            assert!(conv.is_matrix && deconv.is_matrix, "the layer is large enough");
-            let x = normal(&mut rng(), &[2, 6, 8, inputs]);
-            let (stride, padding) = ([stride; 2], [padding; 2]);
-            let apart = |a: &Tensor, b: &Tensor| (a - b).abs().max().double_value(&[]);
-
-            let weight = conv.weight.view([4, 4, inputs, channels]).permute([3, 2, 0, 1]);
-            let bias = Some(&conv.bias);
-            let plain = channels_first(&x).conv2d(&weight, bias, stride, padding, [1; 2], 1);
-            assert!(apart(&conv.forward(&x, Kind::Float), &channels_last(&plain)) < 1e-4, "{layer:?}");
-
-            let weight = deconv.weight.view([inputs, 4, 4, channels]).permute([0, 3, 1, 2]);
-            let (x_first, bias) = (channels_first(&x), Some(&deconv.bias));
-            let plain = x_first.conv_transpose2d(&weight, bias, stride, padding, [0; 2], 1, [1; 2]);
-            assert!(apart(&deconv.forward(&x, Kind::Float), &channels_last(&plain)) < 1e-4, "{layer:?}");
-        }
     }
 
     #[test]

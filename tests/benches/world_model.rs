@@ -35,22 +35,24 @@ fn vae_update_plain(bencher: Bencher<'_, '_>) {
     let mut inputs = 3;
     let mut convolutions = Vec::new();
     for (i, layer) in config.encoder.iter().enumerate() {
-        let shape = nn::ConvConfig { stride: layer.stride, ..Default::default() };
+        let shape = nn::ConvConfig { stride: layer.stride, ..nn::ConvConfig::default() };
         convolutions.push(nn::conv2d(&root / format!("in{i}"), inputs, layer.channels, layer.kernel, shape));
         inputs = layer.channels;
     }
     let n_features = inputs * 4;
-    let linear = |name, inputs, outputs| nn::linear(&root / name, inputs, outputs, Default::default());
+    let linear =
+        |name, inputs, outputs| nn::linear(&root / name, inputs, outputs, nn::LinearConfig::default());
     let heads = [linear("mean", n_features, 32), linear("log_var", n_features, 32)];
     let outwards = linear("out", 32, n_features);
     let mut deconvolutions = Vec::new();
     for (i, layer) in config.decoder.iter().enumerate() {
-        let shape = nn::ConvTransposeConfig { stride: layer.stride, ..Default::default() };
+        let shape = nn::ConvTransposeConfig { stride: layer.stride, ..nn::ConvTransposeConfig::default() };
         let path = &root / format!("out{i}");
         deconvolutions.push(nn::conv_transpose2d(path, inputs, layer.channels, layer.kernel, shape));
         inputs = layer.channels;
     }
-    let mut adam = nn::Adam::default().build(&store, 1e-4).unwrap();
+    let adam = nn::Adam::default().build(&store, 1e-4);
+    let mut adam = adam.unwrap_or_else(|e| unreachable!("plain numbers make an optimizer: {e}"));
     let pixels = Tensor::rand([32, 3, 84, 84], (Kind::Float, Device::Cpu));
     bencher.counter(divan::counter::ItemsCount::new(32_usize)).bench_local(|| {
         let mut x = pixels.shallow_clone();
