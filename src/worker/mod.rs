@@ -7,7 +7,6 @@ mod clock;
 mod command;
 mod companion;
 mod gallery;
-mod judge;
 mod report;
 #[cfg(test)]
 mod toy;

@@ -1,0 +1,157 @@
+//! What the trainer knows of verdicts on transitions, and how it learns from them.
+
+use std::collections::BTreeMap;
+use std::ops::ControlFlow;
+
+use rand::RngExt as _;
+
+use super::{Learner, NAME};
+use crate::query::{JudgedTransition, QueryId, Transition};
+use crate::reward::{EpochReport, FittedVerdicts, SparseConfig, fit_verdicts};
+use crate::tensor::Parameters;
+use crate::worker::{Learning, Report};
+use crate::world_model::WorldModel;
+
+/// From so many verdicts on, something can be learned from them: those of a trajectory.
+const MIN_VERDICTS: usize = 49;
+/// Once one in so many verdicts is new, all are learned anew.
+const NEW_SHARE: usize = 10;
+/// Steps of Adam while verdicts come in: enough to see where it goes.
+const QUICK_UPDATES: usize = 300;
+
+/// All verdicts that count.
+#[derive(Debug, Default)]
+pub(super) struct Judge {
+    judged: BTreeMap<QueryId, JudgedTransition>,
+    /// Given, changed or taken back since the last fit.
+    n_new: usize,
+    /// Whether the last answer that was heard of is a verdict.
+    pub(super) is_last: bool,
+    /// What was learned last.
+    pub(super) parameters: Option<Parameters>,
+}
+
+impl Judge {
+    pub(super) fn len(&self) -> usize {
+        self.judged.len()
+    }
+
+    pub(super) fn hear(&mut self, judged: JudgedTransition) {
+        self.is_last = true;
+        if self.judged.insert(judged.query, judged) != Some(judged) {
+            self.n_new += 1;
+        }
+    }
+
+    pub(super) fn forget(&mut self, query: QueryId) {
+        if self.judged.remove(&query).is_some() {
+            self.n_new += 1;
+        }
+    }
+
+    pub(super) fn is_behind(&self) -> bool {
+        let n = self.judged.len();
+        self.is_last && n >= MIN_VERDICTS && self.n_new > 0 && self.n_new * NEW_SHARE >= n
+    }
+
+    /// How everything is learned anew, to the end or for a first impression.
+    pub(super) fn config(is_whole: bool) -> SparseConfig {
+        let whole = SparseConfig::dros();
+        if is_whole { whole } else { SparseConfig { updates: QUICK_UPDATES, ..whole } }
+    }
+
+    /// Learns all verdicts anew; nothing comes where `on_epoch` breaks.
+    pub(super) fn fit(
+        &mut self,
+        model: &WorldModel,
+        config: SparseConfig,
+        seed: u64,
+        row: impl FnMut(Transition) -> Result<Vec<f32>, String>,
+        on_epoch: impl FnMut(&EpochReport) -> ControlFlow<()>,
+    ) -> Result<Option<FittedVerdicts>, String> {
+        let judged: Vec<_> = self.judged.values().copied().collect();
+        // Where it fails it is not tried again before something changes.
+        self.n_new = 0;
+        let fitted = fit_verdicts(model, config, seed, &judged, row, on_epoch)?;
+        if let Some(fitted) = &fitted {
+            self.parameters = Some(fitted.reward.parameters());
+        }
+        Ok(fitted)
+    }
+}
+
+impl Learner<'_> {
+    /// Learns all verdicts anew for a first impression.
+    pub(super) fn go_on_with_verdicts(&mut self) {
+        let Self { model, dreams, judge, rng, .. } = self;
+        let row = |transition| dreams.row(model, transition);
+        let config = Judge::config(false);
+        match judge.fit(model, config, rng.random(), row, |_| ControlFlow::Continue(())) {
+            Ok(Some(fitted)) => {
+                (self.n_fits, self.has_news) = (self.n_fits + 1, true);
+                let held_out = fitted.held_out;
+                self.reports.send(Report::Learning(Learning {
+                    epoch: self.n_fits,
+                    losses: fitted.losses,
+                    held_out_loss: held_out.map(|held_out| held_out.loss),
+                    agreement: held_out.map(|held_out| held_out.accuracy),
+                    n_labels: self.judge.len(),
+                    fit_epochs: None,
+                }));
+            }
+            Ok(None) => {}
+            Err(e) => self.reports.fail(NAME, e),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+
+    use super::*;
+    use crate::query::{DreamId, Verdict};
+    use crate::reward::{RewardConfig, SparseReward};
+    use crate::worker::trainer::tests::answers;
+    use crate::worker::{Reports, TrainerCommand, one_thread, toy};
+
+    #[test]
+    fn verdicts_are_learned_while_they_come_in_and_what_came_last_counts() {
+        one_thread();
+        let (reports, inbox) = Reports::new(|| ());
+        let mut learner = Learner::new(toy::model(), RewardConfig::tiny(), &reports);
+        for id in 0..2 {
+            learner.hear(TrainerCommand::AddDream(DreamId(id as u32), Arc::new(toy::dream(id, 60))));
+        }
+        for i in 0..50 {
+            let transition = Transition { dream: DreamId(0), first: 0, step: i };
+            let verdict = Verdict::ALL[usize::from(toy::dream(0, 60).actions[i].steer > 0.0)];
+            let query = QueryId(i as u32);
+            learner.hear(TrainerCommand::Judge(JudgedTransition { query, transition, verdict }));
+        }
+        assert!(learner.is_behind(), "a trajectory is enough to begin with");
+        learner.go_on();
+        let reports: Vec<_> = inbox.try_iter().collect();
+        let [Report::Learning(learning), Report::Learned { parameters, n_labels: 50, fit: None }] =
+            &reports[..]
+        else {
+            panic!("{reports:?}")
+        };
+        assert!(
+            SparseReward::is_in(parameters) && learning.held_out_loss.is_some(),
+            "a classifier: {learning:?}"
+        );
+        learner.hear(TrainerCommand::Forget(QueryId(3)));
+        assert!(!learner.is_behind(), "one in fifty is not worth it");
+        for command in answers(100..110) {
+            learner.hear(command);
+        }
+        while learner.is_behind() {
+            learner.go_on();
+        }
+        learner.hand_on(None);
+        let last = inbox.try_iter().last();
+        let Some(Report::Learned { parameters, n_labels: 10, .. }) = last else { panic!("{last:?}") };
+        assert!(!SparseReward::is_in(&parameters), "preferences came last");
+    }
+}

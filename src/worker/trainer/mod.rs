@@ -1,0 +1,301 @@
+//! Learns a reward while answers come in, and fits it to the end when asked.
+
+mod dreams;
+mod judge;
+#[cfg(test)]
+mod tests;
+
+use std::collections::{BTreeMap, VecDeque};
+use std::ops::ControlFlow;
+use std::sync::mpsc::{Receiver, RecvTimeoutError, TryRecvError};
+use std::time::{Duration, Instant};
+
+use rand::SeedableRng as _;
+use rand_chacha::ChaCha8Rng;
+
+use crate::query::{Label, LabeledQuery, Query, QueryId, SegmentRef};
+use crate::reward::{
+    EpochReport, Figures, Fitted, RewardConfig, RewardEnsemble, SegmentPair, Trainer, fit_anew,
+};
+use crate::tensor::Parameters;
+use crate::worker::{Learning, Report, Reports, TrainerCommand, Worker, one_thread};
+use crate::world_model::WorldModel;
+
+use dreams::Dreams;
+use judge::Judge;
+
+const NAME: &str = "trainer";
+/// From so many answers on, something can be learned from them, and something be said about them.
+pub const MIN_LABELS: usize = 10;
+/// Once one in so many answers is new, all are learned anew.
+const NEW_SHARE: usize = 10;
+/// Parameters are handed on no more often than this.
+const HAND_ON_EVERY: Duration = Duration::from_secs(1);
+
+/// Starts a thread that learns a reward of the given shape over what `model` dreams.
+pub fn spawn(model: Parameters, config: RewardConfig, reports: &Reports) -> Worker<TrainerCommand> {
+    Worker::spawn(NAME, reports, move |commands, reports| train(&commands, &reports, model, config))
+}
+
+/// The body of the thread.
+pub fn train(
+    commands: &Receiver<TrainerCommand>,
+    reports: &Reports,
+    model: Parameters,
+    config: RewardConfig,
+) -> Result<(), String> {
+    one_thread();
+    let model = WorldModel::load(model).map_err(|e| e.to_string())?;
+    let mut learner = Learner::new(model, config, reports);
+    let mut waiting = VecDeque::new();
+    loop {
+        let next = waiting.pop_front().map_or_else(|| learner.wait(commands), Ok);
+        match next {
+            Ok(TrainerCommand::Fit { seed }) => learner.fit(seed, commands, &mut waiting),
+            Ok(command) => learner.hear(command),
+            Err(RecvTimeoutError::Timeout) => learner.go_on(),
+            Err(RecvTimeoutError::Disconnected) => return Ok(()),
+        }
+    }
+}
+
+/// What the thread owns.
+struct Learner<'a> {
+    model: WorldModel,
+    config: RewardConfig,
+    reports: &'a Reports,
+    dreams: Dreams,
+    /// All that counts.
+    answers: BTreeMap<QueryId, LabeledQuery>,
+    trainer: Trainer,
+    /// Verdicts on transitions.
+    judge: Judge,
+    /// The answers of the trainer, in its order.
+    order: Vec<QueryId>,
+    rng: ChaCha8Rng,
+    /// Answers given, changed or taken back since the last fit.
+    n_new: usize,
+    n_fits: usize,
+    /// Whether anything was ever fitted.
+    has_learned: bool,
+    /// When parameters were last handed on, and whether newer ones wait.
+    handed_on: Option<Instant>,
+    has_news: bool,
+}
+
+impl<'a> Learner<'a> {
+    fn new(model: WorldModel, config: RewardConfig, reports: &'a Reports) -> Self {
+        let mut rng = ChaCha8Rng::seed_from_u64(0);
+        let ensemble =
+            RewardEnsemble::new(model.config().n_features(), &model.hash(), config.clone(), &mut rng);
+        Self {
+            model,
+            config,
+            reports,
+            dreams: Dreams::default(),
+            answers: BTreeMap::new(),
+            trainer: Trainer::new(ensemble),
+            judge: Judge::default(),
+            order: Vec::new(),
+            rng,
+            n_new: 0,
+            n_fits: 0,
+            has_learned: false,
+            handed_on: None,
+            has_news: false,
+        }
+    }
+
+    /// The next command; a time-out means that there is something to do meanwhile.
+    fn wait(&self, commands: &Receiver<TrainerCommand>) -> Result<TrainerCommand, RecvTimeoutError> {
+        if self.is_behind() {
+            return commands.recv_timeout(Duration::ZERO);
+        }
+        if self.has_news {
+            let since = self.handed_on.map_or(HAND_ON_EVERY, |handed_on| handed_on.elapsed());
+            return commands.recv_timeout(HAND_ON_EVERY.saturating_sub(since));
+        }
+        commands.recv().map_err(|_| RecvTimeoutError::Disconnected)
+    }
+
+    fn is_behind(&self) -> bool {
+        if self.judge.is_last {
+            return self.judge.is_behind();
+        }
+        let n = self.order.len();
+        n >= MIN_LABELS && self.n_new > 0 && self.n_new * NEW_SHARE >= n
+    }
+
+    fn hear(&mut self, command: TrainerCommand) {
+        match command {
+            TrainerCommand::AddDream(id, episode) => {
+                self.dreams.add(id, episode);
+            }
+            TrainerCommand::Learn(query, label) => {
+                if let Err(e) = self.learn(query, label) {
+                    self.reports.fail(NAME, e);
+                }
+            }
+            TrainerCommand::Judge(judged) => self.judge.hear(judged),
+            TrainerCommand::Forget(id) => {
+                self.judge.forget(id);
+                if self.answers.remove(&id).is_some() {
+                    let idx = self.idx(id);
+                    self.order.remove(idx);
+                    self.trainer.forget(idx);
+                    self.n_new += 1;
+                }
+            }
+            TrainerCommand::Weigh(pairs) => {
+                let disagreements = self.has_learned.then(|| self.weigh(&pairs)).transpose();
+                let disagreements = disagreements.unwrap_or_else(|e| {
+                    self.reports.fail(NAME, e);
+                    None
+                });
+                self.reports.send(Report::Weighed { pairs, disagreements });
+            }
+            TrainerCommand::Relearn => self.n_new = self.order.len(),
+            TrainerCommand::Fit { .. } => unreachable!("a fit hears commands itself"),
+        }
+    }
+
+    fn weigh(&mut self, pairs: &[[SegmentRef; 2]]) -> Result<Vec<f32>, String> {
+        let mut rows = |segment| self.dreams.rows(&self.model, segment);
+        let pairs = pairs.iter().map(|[left, right]| Ok([rows(*left)?, rows(*right)?]));
+        Ok(self.trainer.ensemble().disagreements(&pairs.collect::<Result<Vec<_>, String>>()?))
+    }
+
+    fn learn(&mut self, query: Query, label: Label) -> Result<(), String> {
+        self.judge.is_last = false;
+        match self.answers.get(&query.id) {
+            Some(known) if known.label == label => return Ok(()),
+            Some(_) => self.trainer.relabel(self.idx(query.id), label),
+            None => {
+                let mut rows = |segment| self.dreams.rows(&self.model, segment);
+                let pair = SegmentPair { left: rows(query.left)?, right: rows(query.right)?, label };
+                // Only a reward that has learned the others foretells anything.
+                if self.order.len() >= MIN_LABELS && !self.is_behind() {
+                    self.trainer.learn(&pair);
+                } else {
+                    self.trainer.take_up(&pair);
+                }
+                self.order.push(query.id);
+            }
+        }
+        self.answers.insert(query.id, LabeledQuery { query, label });
+        self.n_new += 1;
+        Ok(())
+    }
+
+    /// Where the trainer has the answer to a query that counts.
+    fn idx(&self, id: QueryId) -> usize {
+        let idx = self.order.iter().position(|known| *known == id);
+        idx.expect("what counts is known to the trainer")
+    }
+
+    /// Learns all anew, or hands on what that brought.
+    ///
+    /// Steps added to an old fit for every answer would soon be more than drive well: see [`RewardConfig::updates`].
+    fn go_on(&mut self) {
+        if self.judge.is_behind() {
+            self.go_on_with_verdicts();
+        } else if self.is_behind() {
+            let mut losses = Vec::new();
+            let _ = self.trainer.fit(&mut self.rng, |report| {
+                losses.clone_from(&report.losses);
+                ControlFlow::Continue(())
+            });
+            self.n_new = 0;
+            self.n_fits += 1;
+            (self.has_learned, self.has_news) = (true, true);
+            let figures = self.trainer.recent().filter(|figures| figures.n >= MIN_LABELS);
+            let fit = (self.n_fits, None);
+            self.reports.send(learning(figures, fit, &losses, self.trainer.n_labels()));
+        }
+        let is_time = self.handed_on.is_none_or(|handed_on| handed_on.elapsed() >= HAND_ON_EVERY);
+        if self.has_news && is_time {
+            self.hand_on(None);
+        }
+    }
+
+    fn hand_on(&mut self, fit: Option<(u64, Vec<f32>)>) {
+        (self.handed_on, self.has_news) = (Some(Instant::now()), false);
+        let (parameters, n_labels) = match &self.judge.parameters {
+            Some(parameters) if self.judge.is_last => (parameters.clone(), self.judge.len()),
+            _ => (self.trainer.ensemble().parameters(), self.order.len()),
+        };
+        self.reports.send(Report::Learned { parameters, n_labels, fit });
+    }
+
+    /// Fits a fresh ensemble to all answers, the same for the same answers and seed whatever was learned before.
+    ///
+    /// What is heard meanwhile goes to `waiting`; another fit, or the end of commands, ends this one.
+    fn fit(
+        &mut self,
+        seed: u64,
+        commands: &Receiver<TrainerCommand>,
+        waiting: &mut VecDeque<TrainerCommand>,
+    ) {
+        let n_labels = if self.judge.is_last { self.judge.len() } else { self.answers.len() };
+        if n_labels == 0 {
+            return self.reports.fail(NAME, "there are no answers to learn from yet");
+        }
+        let Self { model, config, reports, dreams, answers, trainer, judge, .. } = self;
+        let labels: Vec<_> = answers.values().copied().collect();
+        let judge_is_last = judge.is_last;
+        let on_epoch = |report: &EpochReport| {
+            let is_sparse = judge_is_last;
+            let figures = trainer.recent().filter(|figures| figures.n >= MIN_LABELS && !is_sparse);
+            let fit = (report.epoch, Some(report.n_epochs));
+            reports.send(learning(figures, fit, &report.losses, n_labels));
+            loop {
+                match commands.try_recv() {
+                    Ok(command) => waiting.push_back(command),
+                    Err(TryRecvError::Disconnected) => return ControlFlow::Break(()),
+                    Err(TryRecvError::Empty) => break,
+                }
+            }
+            let is_overtaken = waiting.iter().any(|command| matches!(command, TrainerCommand::Fit { .. }));
+            if is_overtaken { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+        };
+        if judge_is_last {
+            let row = |transition| dreams.row(model, transition);
+            match judge.fit(model, Judge::config(true), seed, row, on_epoch) {
+                Ok(Some(fitted)) => {
+                    self.n_fits = 0;
+                    self.hand_on(Some((seed, fitted.losses)));
+                }
+                Ok(None) => {}
+                Err(e) => reports.fail(NAME, e),
+            }
+            return;
+        }
+        let rows = |segment| dreams.rows(model, segment);
+        match fit_anew(model, config.clone(), seed, &labels, rows, on_epoch) {
+            Ok(Some(Fitted { trainer, losses })) => {
+                self.trainer.adopt(trainer);
+                (self.n_new, self.n_fits, self.has_learned) = (0, 0, true);
+                self.hand_on(Some((seed, losses)));
+            }
+            Ok(None) => {}
+            Err(e) => self.reports.fail(NAME, e),
+        }
+    }
+}
+
+/// How far learning is, and how well the latest answers were foretold.
+fn learning(
+    figures: Option<Figures>,
+    (epoch, fit_epochs): (usize, Option<usize>),
+    losses: &[f64],
+    n_labels: usize,
+) -> Report {
+    Report::Learning(Learning {
+        epoch,
+        losses: losses.iter().map(|loss| *loss as f32).collect(),
+        held_out_loss: figures.map(|figures| figures.log_loss as f32),
+        agreement: figures.and_then(|figures| figures.agreement).map(|agreement| agreement as f32),
+        n_labels,
+        fit_epochs,
+    })
+}
