@@ -31,21 +31,24 @@ pub(super) fn run(
     };
     let started = Instant::now();
     let learning = sparse_config(protocol);
-    let (simulated, source) = if protocol == Protocol::Request {
+    let simulated = if protocol == Protocol::Request {
         let synthesis = SynthesisConfig::paper();
-        let simulated =
-            simulate_request(model, probe, config, model.starts(), &synthesis, &learning, on_progress);
-        (simulated, DreamSource::Synthesized)
+        simulate_request(model, probe, config, model.starts(), &synthesis, &learning, on_progress)
     } else {
-        (simulate_dros(model, probe, config, model.starts(), on_progress), DreamSource::Simulated)
+        simulate_dros(model, probe, config, model.starts(), on_progress)
     };
     let simulated = simulated.context("the simulation was broken off")?;
-    for dream in &simulated.dreams {
-        store.save_dream(dream, source)?;
+    for (i, dream) in simulated.dreams.iter().enumerate() {
+        match simulated.wanted.get(i) {
+            Some(acquisition) => store.save_trajectory(dream, *acquisition)?,
+            None => store.save_dream(dream, DreamSource::Simulated)?,
+        };
     }
     let secs = started.elapsed().as_secs_f64();
     for &AnsweredTransition { query, transition, response } in &simulated.answers {
-        store.record(Event::AskedTransition { query, transition, choice: Choice::Uniform })?;
+        let wanted = simulated.wanted.get(transition.dream.0 as usize);
+        let choice = wanted.map_or(Choice::Uniform, |acquisition| Choice::Synthesized(*acquisition));
+        store.record(Event::AskedTransition { query, transition, choice })?;
         store.record(Event::Answered(Answer::new(query, response, 0.0, "simulated")))?;
     }
     let fit = fit_sparse(&mut store, model, learning, config.seed)?;

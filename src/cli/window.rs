@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use clap::ValueEnum as _;
+use dropj::planner::synthesis::SynthesisConfig;
 use dropj::reward::RewardConfig;
 use dropj::session::SessionStore;
 use dropj::tensor::from_slice;
@@ -46,6 +47,7 @@ pub(crate) fn run(options: Options) -> anyhow::Result<()> {
         fit: FitConfig::full(),
         reward: RewardConfig::car_racing(),
         planner: env.planner(),
+        synthesis: SynthesisConfig::paper(),
     };
     let shipped = models::world_model_asset(env);
     let load = move |path: &Path| load(path, path == shipped, env);

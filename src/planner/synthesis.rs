@@ -17,6 +17,8 @@ use crate::world_model::{LatentState, State, WorldModel};
 
 /// How many actions a trajectory has that lead from state to state.
 const N_ACTIONS: i64 = TRAJECTORY_LEN as i64 - 1;
+/// Trajectories of a round, each of which begins elsewhere if there are so many starts. Paper: 15.
+pub const ROUND: usize = 15;
 /// Latents seen before that novelty is measured against, at the most.
 const N_REFERENCES: usize = 1000;
 /// What every search begins with, constant throughout; one more is drawn by chance.
@@ -33,7 +35,8 @@ const BEGINNINGS: [[f32; 3]; 9] = [
 ];
 
 /// What makes a trajectory worth asking about.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
 pub enum Acquisition {
     /// The members of the ensemble disagree.
     Uncertainty,

@@ -219,6 +219,7 @@ mod tests {
                 seed: 0,
                 marks: vec![],
                 source: DreamSource::User,
+                acquisition: None,
                 planned: 0,
                 file: "dreams/0000.safetensors".to_owned(),
                 sha256: (*hash).to_owned(),

@@ -2,6 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
+use crate::planner::synthesis::Acquisition;
 use crate::query::{
     DreamId, Protocol, QueryId, Response, SegmentRef, SkipReason, Strategy, Transition, Weights,
 };
@@ -114,6 +115,9 @@ pub struct KeptDream {
     pub marks: Vec<usize>,
     /// Who drove.
     pub source: DreamSource,
+    /// What it was made to be, where nobody drove.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub acquisition: Option<Acquisition>,
     /// How many of its steps the planner drove.
     #[serde(default, skip_serializing_if = "is_none")]
     pub planned: usize,
@@ -151,6 +155,8 @@ pub enum Choice {
     Disagreement,
     /// One of its segments lies near a step that the driver marked as unsafe.
     SafetyBoundary,
+    /// It is of a trajectory that was made to be this.
+    Synthesized(Acquisition),
     /// To see whether the annotator answers as before, perhaps with the sides changed over.
     Again(QueryId),
 }
@@ -283,6 +289,7 @@ mod tests {
             seed: u64::MAX,
             marks: vec![412, 413],
             source: DreamSource::User,
+            acquisition: None,
             planned: 0,
             file: "dreams/0000.safetensors".to_owned(),
             sha256: "sha256:00".to_owned(),
@@ -314,7 +321,7 @@ mod tests {
             Event::Fitted { fit, file: "reward/0000.safetensors".to_owned(), sha256: "sha256:00".to_owned() },
             Event::ProtocolChanged { protocol: Protocol::DropjMulti },
             Event::SkipExplained { query, reason: SkipReason::Ambiguous },
-            Event::DreamKept(KeptDream { planned: 120, ..kept }),
+            Event::DreamKept(KeptDream { planned: 120, ..kept.clone() }),
             Event::DreamDropped { dream: DreamId(0) },
             Event::DreamRestored { dream: DreamId(0) },
             Event::ScreenChanged { held_back: 10 },
@@ -324,6 +331,16 @@ mod tests {
                 choice: Choice::Uniform,
             },
             answered(Response::Judged(Verdict::Unsafe)),
+            Event::DreamKept(KeptDream {
+                source: DreamSource::Synthesized,
+                acquisition: Some(Acquisition::MaxReward),
+                ..kept
+            }),
+            Event::AskedTransition {
+                query,
+                transition: Transition { dream: DreamId(0), first: 0, step: 3 },
+                choice: Choice::Synthesized(Acquisition::MaxReward),
+            },
         ]
     }
 
@@ -357,6 +374,8 @@ mod tests {
         {"event":"screen_changed","held_back":10,"seq":19,"at":1795342500000}
         {"event":"asked_transition","query":1,"transition":{"dream":2,"first":412,"step":431},"choice":"uniform","seq":20,"at":1795342500000}
         {"event":"answered","query":1,"response":{"judged":"unsafe"},"secs":4.2,"loops":1,"annotator":"anna","sides_swapped":false,"seq":21,"at":1795342500000}
+        {"event":"dream_kept","dream":0,"len":640,"seed":18446744073709551615,"marks":[412,413],"source":"synthesized","acquisition":"max_reward","file":"dreams/0000.safetensors","sha256":"sha256:00","seq":22,"at":1795342500000}
+        {"event":"asked_transition","query":1,"transition":{"dream":0,"first":0,"step":3},"choice":{"synthesized":"max_reward"},"seq":23,"at":1795342500000}
         "#);
     }
 

@@ -2,6 +2,7 @@
 
 use std::fmt::Write as _;
 
+use crate::planner::synthesis::Acquisition;
 use crate::query::{Preference, Response, SafetyAnswer, SkipReason, Verdict, Weights};
 use crate::session::event::Choice;
 use crate::session::{AskedQuery, Given, Session};
@@ -33,6 +34,7 @@ fn write_row(csv: &mut String, asked: &AskedQuery, given: &Given, weights: &Weig
         Choice::Uniform => "uniform".to_owned(),
         Choice::Disagreement => "disagreement".to_owned(),
         Choice::SafetyBoundary => "safety_boundary".to_owned(),
+        Choice::Synthesized(acquisition) => made_to_be(acquisition).to_owned(),
         Choice::Again(of) => format!("again {}", of.0),
     };
     // A query that was asked again is no second label.
@@ -103,6 +105,16 @@ fn said(response: Response, weights: &Weights) -> [String; 5] {
         }
     };
     said.map(str::to_owned)
+}
+
+/// What a trajectory was made to be.
+fn made_to_be(acquisition: Acquisition) -> &'static str {
+    match acquisition {
+        Acquisition::Uncertainty => "synthesized: uncertainty",
+        Acquisition::MaxReward => "synthesized: max_reward",
+        Acquisition::MinReward => "synthesized: min_reward",
+        Acquisition::Novelty => "synthesized: novelty",
+    }
 }
 
 fn quoted(text: &str) -> String {

@@ -12,7 +12,7 @@ use crate::session::{Session, arrays};
 /// The format of sessions that this program writes; it reads those before it too, for it only added events.
 ///
 /// 2: `protocol_changed` and `skip_explained`. 3: `dream_dropped` and `dream_restored`, who drove in `dream_kept`,
-/// `screen_changed`, `asked_transition`, and verdicts.
+/// `screen_changed`, `asked_transition`, verdicts, and what synthesized dreams were made to be.
 pub const FORMAT: u32 = 3;
 
 /// The name of its file in the session's folder.

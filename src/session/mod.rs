@@ -29,6 +29,7 @@ pub mod recent;
 pub mod replay;
 pub mod statistics;
 pub mod store;
+mod trajectories;
 
 use std::collections::{BTreeMap, BTreeSet};
 

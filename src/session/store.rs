@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 use std::time::SystemTime;
 
 use crate::dream::DreamEpisode;
+use crate::planner::synthesis::Acquisition;
 use crate::query::DreamId;
 use crate::run::sync_folder;
 use crate::session::error::SessionError;
@@ -93,6 +94,24 @@ impl SessionStore {
         episode: &DreamEpisode,
         source: DreamSource,
     ) -> Result<DreamId, SessionError> {
+        self.keep(episode, source, None)
+    }
+
+    /// Keeps a trajectory that was made to be asked about, and what it was made to be.
+    pub fn save_trajectory(
+        &mut self,
+        episode: &DreamEpisode,
+        acquisition: Acquisition,
+    ) -> Result<DreamId, SessionError> {
+        self.keep(episode, DreamSource::Synthesized, Some(acquisition))
+    }
+
+    fn keep(
+        &mut self,
+        episode: &DreamEpisode,
+        source: DreamSource,
+        acquisition: Option<Acquisition>,
+    ) -> Result<DreamId, SessionError> {
         let dream = DreamId(self.session.dreams().len() as u32);
         let mut episode = episode.clone();
         // A mark on the step that was never taken marks nothing.
@@ -106,7 +125,8 @@ impl SessionStore {
         let planned = episode.n_planned();
         let DreamEpisode { unsafe_marks: marks, seed, .. } = episode;
         let sha256 = sha256(&bytes);
-        self.record(Event::DreamKept(KeptDream { dream, len, seed, marks, source, planned, file, sha256 }))?;
+        let kept = KeptDream { dream, len, seed, marks, source, acquisition, planned, file, sha256 };
+        self.record(Event::DreamKept(kept))?;
         Ok(dream)
     }
 

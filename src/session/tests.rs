@@ -44,6 +44,7 @@ fn dream_of(len: usize) -> Event {
         seed: 0,
         marks: vec![],
         source,
+        acquisition: None,
         planned: 0,
         file,
         sha256,

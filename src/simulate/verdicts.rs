@@ -11,7 +11,7 @@ use super::player::play_all;
 use super::probe::{Probe, Sight};
 use super::run::{Progress, SimulateConfig};
 use crate::dream::DreamEpisode;
-use crate::planner::synthesis::{Acquisition, SynthesisConfig, synthesize};
+use crate::planner::synthesis::{Acquisition, ROUND, SynthesisConfig, synthesize};
 use crate::query::{
     DreamId, JudgedTransition, QueryId, Response, SkipReason, TRAJECTORY_LEN, Transition, Verdict,
     sample_trajectory,
@@ -24,8 +24,6 @@ use crate::world_model::{LatentState, WorldModel};
 const RUN_UP: usize = 7;
 /// Who makes so much way along the road in a step is seen to come onto a new piece of it, in tiles.
 const ONWARD: f32 = 0.1;
-/// States that trajectories are made from in a round. Paper: 15.
-const N_STARTS: usize = 15;
 
 /// A transition, and what was said of it.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -43,6 +41,8 @@ pub struct AnsweredTransition {
 pub struct SimulatedVerdicts {
     /// In the order of their [`DreamId`]s.
     pub dreams: Vec<DreamEpisode>,
+    /// What each was made to be; nothing where they were played.
+    pub wanted: Vec<Acquisition>,
     /// In the order of asking.
     pub answers: Vec<AnsweredTransition>,
 }
@@ -140,7 +140,7 @@ pub fn simulate_dros(
     let dreams =
         play_all(model, probe, &starts, steps, &mut |step| on_progress(Progress::Played(step, steps)))?;
     let lens: Vec<_> = (0..).map(DreamId).zip(dreams.iter().map(DreamEpisode::len)).collect();
-    let mut simulated = SimulatedVerdicts { dreams, answers: Vec::new() };
+    let mut simulated = SimulatedVerdicts { dreams, wanted: Vec::new(), answers: Vec::new() };
     while simulated.answers.len() < config.n_queries {
         let first = sample_trajectory(&lens, &mut rng)?;
         if simulated.label(model, probe, config, first, on_progress).is_break() {
@@ -169,7 +169,7 @@ pub fn simulate_request(
     let mut rng = ChaCha8Rng::seed_from_u64(config.seed);
     let n_features = model.config().n_features();
     let mut reward = SparseReward::new(n_features, &model.hash(), learning.clone(), &mut rng);
-    let mut simulated = SimulatedVerdicts { dreams: Vec::new(), answers: Vec::new() };
+    let mut simulated = SimulatedVerdicts { dreams: Vec::new(), wanted: Vec::new(), answers: Vec::new() };
     for round in 0.. {
         let n_left = config.n_queries - simulated.answers.len();
         if n_left == 0 {
@@ -179,15 +179,16 @@ pub fn simulate_request(
             // DIFFERENCE: the authors go on with networks that were fitted before; like ReQueST we begin anew.
             reward = refit(model, learning, config.seed, &simulated);
         }
-        let wanted = starts.iter().cycle().take(N_STARTS.min(n_left.div_ceil(TRAJECTORY_LEN - 1)));
+        let wanted = starts.iter().cycle().take(ROUND.min(n_left.div_ceil(TRAJECTORY_LEN - 1)));
         let wanted: Vec<_> =
             wanted.enumerate().map(|(i, start)| (start, Acquisition::of(round, i, &mut rng))).collect();
         let seen = outcomes(model, &simulated);
         let on_iteration = &mut |i| on_progress(Progress::Played(i, synthesis.iterations));
         let made = synthesize(model, &reward, &wanted, seen.as_ref(), synthesis, &mut rng, on_iteration)?;
-        for dream in made {
+        for (dream, (_, acquisition)) in made.into_iter().zip(&wanted) {
             let first = Transition { dream: DreamId(simulated.dreams.len() as u32), first: 0, step: 0 };
             simulated.dreams.push(dream);
+            simulated.wanted.push(*acquisition);
             if simulated.label(model, probe, config, first, on_progress).is_break() {
                 return None;
             }

@@ -1,13 +1,9 @@
 //! What is done with queries: asking, answering, and taking back.
 
-use rand::SeedableRng as _;
-use rand_chacha::ChaCha8Rng;
-
 use crate::query::{
     JudgedTransition, Preference, Protocol, Query, QueryId, Response, SEGMENT_LEN, SafetyAnswer, SkipReason,
-    sample_trajectory,
 };
-use crate::session::{Answer, Choice, Event, Session};
+use crate::session::{Answer, Event, Session};
 use crate::ui::App;
 use crate::ui::choosing::is_held_back;
 use crate::ui::command::{Command, Field};
@@ -22,6 +18,8 @@ const SPEEDS: [f64; 7] = [5.0, 10.0, 15.0, 25.0, 35.0, 50.0, 100.0];
 impl App {
     pub(super) fn change_protocol(&mut self, protocol: Protocol) {
         if protocol != self.state.protocol() && self.record(Event::ProtocolChanged { protocol }) {
+            // What is being made is asked about under ReQueST alone.
+            self.make_trajectories(protocol == Protocol::Request);
             self.next_query(self.state.label.revisited.filter(|query| self.state.is_asked_now(*query)));
         }
     }
@@ -34,6 +32,7 @@ impl App {
             Command::Guide(is_guided) => (label.is_guided, label.guided) = (is_guided, Vec::new()),
             Command::ToggleAnswers => label.is_list_open = !label.is_list_open,
             Command::CompareAnnotators => self.compare_annotators(),
+            Command::MakeTrajectories(is_wanted) => self.make_trajectories(is_wanted),
             Command::Ask(asking) => label.asking = asking.clamped(),
             Command::Justify(justification) => label.justification = Some(justification),
             Command::GiveReason(reason) => self.give_reason(reason),
@@ -205,6 +204,7 @@ impl App {
         let missing = N_AHEAD.saturating_sub(self.state.upcoming().len());
         if self.state.protocol().is_sparse() {
             self.ask_transitions(missing);
+            self.make_ahead();
             return self.decode_ahead();
         }
         while self.state.now >= self.state.label.ask_again_at {
@@ -222,29 +222,6 @@ impl App {
             }
         }
         self.decode_ahead();
-    }
-
-    /// Draws the transitions that come next: those that follow the last one, then another trajectory.
-    fn ask_transitions(&mut self, n: usize) {
-        for _ in 0..n {
-            let Some(store) = self.state.store.as_ref() else { return };
-            if self.state.now < self.state.label.ask_again_at {
-                return;
-            }
-            let session = store.session();
-            let (query, unreadable) = (session.next_query_id(), &self.state.label.unreadable);
-            let mut rng = ChaCha8Rng::seed_from_u64(store.header().seed);
-            rng.set_stream(u64::from(query.0));
-            let mut dreams = session.dream_lens();
-            dreams.retain(|(id, _)| !unreadable.contains(id));
-            let last = session.queries().iter().rev().find_map(|asked| asked.transition);
-            let len = |id| dreams.iter().find(|(other, _)| *other == id).map(|(_, len)| *len);
-            let next = last.and_then(|last| last.next(len(last.dream)?));
-            let Some(transition) = next.or_else(|| sample_trajectory(&dreams, &mut rng)) else { return };
-            if !self.record(Event::AskedTransition { query, transition, choice: Choice::Uniform }) {
-                self.state.label.ask_again_at = self.state.now + 5.0;
-            }
-        }
     }
 
     /// Has the clips of the next queries drawn.

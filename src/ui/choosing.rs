@@ -77,7 +77,7 @@ impl App {
         let store = self.state.store.as_ref()?;
         let session = store.session();
         let is_readable = |dream: DreamId| !self.state.label.unreadable.contains(&dream);
-        let mut dreams = session.dream_lens();
+        let mut dreams = session.dreams_for(session.protocol());
         dreams.retain(|(dream, _)| is_readable(*dream));
         // A stream of its own: what is asked does not hang on when it was drawn.
         let mut rng = ChaCha8Rng::seed_from_u64(store.header().seed);

@@ -184,6 +184,8 @@ pub enum Command {
     ToggleAnswers,
     /// Compares all who answered about the dreams of this session.
     CompareAnnotators,
+    /// Makes trajectories where they are needed, or none and not the one that is being made.
+    MakeTrajectories(bool),
     /// Chooses what is asked about.
     Ask(Asking),
     /// Names the justification that the next preference rests on.

@@ -2,12 +2,14 @@
 
 use crate::env::{Aids, Env};
 use crate::planner::PlannerConfig;
+use crate::planner::synthesis::SynthesisConfig;
 use crate::reward::RewardConfig;
 use crate::tensor::Parameters;
 use crate::worker::{
     BesideView, ClipperCommand, Dismissed, DreamerCommand, DriveView, DriverCommand, Latest, LiveAction,
     LiveView, ModelerCommand, RecorderCommand, Reports, ReviewView, ReviewerCommand, ScreenerCommand,
-    TrainerCommand, Worker, clipper, dreamer, driver, modeler, recorder, reviewer, screener, trainer,
+    SynthesizerCommand, TrainerCommand, Worker, clipper, dreamer, driver, modeler, recorder, reviewer,
+    screener, synthesizer, trainer,
 };
 use crate::world_model::WorldModelConfig;
 use crate::world_model::fit::FitConfig;
@@ -21,6 +23,8 @@ pub enum Order {
     Clipper(ClipperCommand),
     /// To whoever looks for bad dreams.
     Screener(ScreenerCommand),
+    /// To whoever makes trajectories.
+    Synthesizer(SynthesizerCommand),
     /// To whoever learns the reward.
     Trainer(TrainerCommand),
     /// To whoever drives by plan.
@@ -79,6 +83,8 @@ pub struct Plans {
     pub reward: RewardConfig,
     /// The planner.
     pub planner: PlannerConfig,
+    /// How trajectories are made.
+    pub synthesis: SynthesisConfig,
 }
 
 /// A thread for each worker, started by the first command that it hears.
@@ -90,6 +96,7 @@ pub struct Threads {
     dreamer: Option<Worker<DreamerCommand>>,
     clipper: Option<Worker<ClipperCommand>>,
     screener: Option<Worker<ScreenerCommand>>,
+    synthesizer: Option<Worker<SynthesizerCommand>>,
     trainer: Option<Worker<TrainerCommand>>,
     driver: Option<Worker<DriverCommand>>,
     reviewer: Option<Worker<ReviewerCommand>>,
@@ -110,6 +117,7 @@ impl Threads {
             dreamer: None,
             clipper: None,
             screener: None,
+            synthesizer: None,
             trainer: None,
             driver: None,
             reviewer: None,
@@ -156,6 +164,10 @@ impl Crew for Threads {
             (Order::Screener(command), Some(model)) => {
                 self.screener.get_or_insert_with(|| screener::spawn(model, reports)).send(command);
             }
+            (Order::Synthesizer(command), Some(model)) => {
+                let start = || synthesizer::spawn(model, plans.synthesis.clone(), reports);
+                self.synthesizer.get_or_insert_with(start).send(command);
+            }
             (Order::Trainer(command), Some(model)) => {
                 let start = || trainer::spawn(model, plans.reward.clone(), reports);
                 self.trainer.get_or_insert_with(start).send(command);
@@ -191,6 +203,7 @@ impl Crew for Threads {
     fn forget(&mut self) {
         dismiss(&mut self.clipper, &mut self.dismissed);
         dismiss(&mut self.screener, &mut self.dismissed);
+        dismiss(&mut self.synthesizer, &mut self.dismissed);
         dismiss(&mut self.trainer, &mut self.dismissed);
         dismiss(&mut self.driver, &mut self.dismissed);
         dismiss(&mut self.reviewer, &mut self.dismissed);

@@ -112,6 +112,8 @@ impl App {
             }
             Report::Glance { query, frames } => self.glanced(ctx, query, &frames),
             Report::Signs { dream, seed, signs } => self.signs_found(dream, seed, &signs),
+            Report::Synthesizing { seed, done, n } => self.synthesizing(seed, done, n),
+            Report::Synthesized { episode, acquisition } => self.synthesized(episode, acquisition),
             Report::Weighed { pairs, disagreements } => self.weighed(pairs, disagreements.as_deref()),
             Report::Judged(judgement) => self.state.review.judgement = Some(judgement),
             Report::Learning(learning) => self.state.reward.hear(learning),
@@ -215,6 +217,8 @@ impl App {
             "dreamer" if has_died => (self.state.dream.is_on, self.state.dream.is_ending) = (false, false),
             "driver" if has_died => self.state.deploy.is_on = false,
             "trainer" => (self.state.reward.is_fitting, self.state.reward.is_relearning) = (false, false),
+            "synthesizer" if !has_died => return self.not_made(message.to_owned()),
+            "synthesizer" => self.make_trajectories(false),
             "recorder" => (self.state.record.is_on, self.state.record.is_ending) = (false, false),
             "modeler" => {
                 self.state.world.fit = None;

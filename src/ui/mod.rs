@@ -24,6 +24,7 @@ mod state;
 mod thumbnails;
 mod toasts;
 mod tokens;
+mod trajectories;
 mod widgets;
 
 use std::path::{Path, PathBuf};

@@ -77,6 +77,11 @@ impl App {
             Ok(store) => {
                 self.state.sessions_open = false;
                 self.adopt(store);
+                // Nothing is to be driven: what is asked about is made there.
+                if protocol == Protocol::Request {
+                    self.act_on_label(Command::MakeTrajectories(true));
+                    self.state.panel = Panel::Label;
+                }
             }
             Err(e) => {
                 let ways = vec![("Other sessions…".to_owned(), Command::ToggleSessions)];

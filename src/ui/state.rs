@@ -20,6 +20,7 @@ use crate::ui::keys::{Deed, Keys, Rebinding};
 use crate::ui::pace::{Budget, Pace};
 use crate::ui::pads::Pads;
 use crate::ui::review::Reviewing;
+use crate::ui::trajectories::Making;
 use crate::ui::widgets::clip::Clip;
 use crate::worker::{DriveView, Learning, LiveView};
 use crate::world_model::LatentState;
@@ -274,6 +275,8 @@ pub(crate) struct Labeling {
     pub pace: Pace,
     /// What is asked about.
     pub asking: Asking,
+    /// The trajectories that are made to be asked about.
+    pub making: Making,
     /// What the trainer is asked of that.
     pub weighing: Weighing,
     /// Who answered about these dreams, as of when that was asked.
@@ -314,6 +317,7 @@ impl Default for Labeling {
             break_minutes: BREAK_MINUTES,
             pace: Pace::default(),
             asking: Asking::default(),
+            making: Making::default(),
             weighing: Weighing::default(),
             annotators: None,
             screen: Screen::default(),
@@ -440,8 +444,8 @@ impl State {
     pub(crate) fn upcoming(&self) -> Upcoming {
         let Some(session) = self.session() else { return Upcoming::new() };
         let revisited = self.label.revisited.and_then(|id| session.query(id)).map(|asked| asked.query);
-        let is_sparse = session.protocol().is_sparse();
-        let pending = session.pending().filter(|asked| asked.transition.is_some() == is_sparse);
+        let (protocol, is_sparse) = (session.protocol(), session.protocol().is_sparse());
+        let pending = session.pending().filter(|asked| session.is_of(asked, protocol));
         let pending = pending.map(|asked| asked.query);
         let is_shown = |query: &Query| {
             let dreams = [query.left.dream, query.right.dream];
@@ -462,8 +466,8 @@ impl State {
 
     /// Whether a query is of the kind that is asked about now: a pair of clips, or a transition.
     pub(crate) fn is_asked_now(&self, id: QueryId) -> bool {
-        let asked = self.session().and_then(|session| session.query(id));
-        asked.is_some_and(|asked| asked.transition.is_some() == self.protocol().is_sparse())
+        let is_of = |session: &Session| Some(session.is_of(session.query(id)?, session.protocol()));
+        self.session().and_then(is_of).unwrap_or(false)
     }
 
     /// The transition that is on the screen, and the frame of its outcome.

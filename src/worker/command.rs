@@ -3,7 +3,8 @@
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use crate::dream::DreamEpisode;
+use crate::dream::{DreamEpisode, Rows};
+use crate::planner::synthesis::Acquisition;
 use crate::query::{DreamId, JudgedTransition, Label, Query, QueryId, SegmentRef};
 use crate::session::DreamJournal;
 use crate::tensor::Parameters;
@@ -54,6 +55,26 @@ pub enum ClipperCommand {
 pub enum ScreenerCommand {
     /// Looks at a dream.
     AddDream(DreamId, Arc<DreamEpisode>),
+}
+
+/// Makes trajectories that are worth asking about.
+#[derive(Debug)]
+pub enum SynthesizerCommand {
+    /// Makes one, and no longer the one before.
+    Make {
+        /// Where it begins.
+        start: LatentState,
+        /// What it is to be.
+        acquisition: Acquisition,
+        /// The classifier that says so; without one, or where these are a reward of another kind, a fresh one.
+        reward: Option<Parameters>,
+        /// The latents that transitions led to which were judged, `[N, Z]`.
+        seen: Rows,
+        /// Of all that is drawn.
+        seed: u64,
+    },
+    /// Makes it no longer.
+    Stop,
 }
 
 /// Learns a reward while answers come in: from preferences or from verdicts, whichever came last.

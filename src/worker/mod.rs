@@ -19,6 +19,7 @@ pub mod modeler;
 pub mod recorder;
 pub mod reviewer;
 pub mod screener;
+pub mod synthesizer;
 pub mod trainer;
 
 use std::any::Any;
@@ -33,7 +34,7 @@ use crate::env::{Action, Env};
 
 pub use command::{
     ClipperCommand, DreamerCommand, DriverCommand, ModelerCommand, RecorderCommand, ReviewerCommand,
-    ScreenerCommand, TrainerCommand,
+    ScreenerCommand, SynthesizerCommand, TrainerCommand,
 };
 pub use report::{Learning, Report};
 pub use view::{Beside, BesideView, CandidateView, DriveView, Judgement, LiveView, Promise, ReviewView};

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use crate::dream::{DreamEpisode, Rows};
 use crate::env::Frame;
 use crate::evaluation::EpisodeMetrics;
+use crate::planner::synthesis::Acquisition;
 use crate::query::{DreamId, Query, SegmentRef};
 use crate::session::DreamJournal;
 use crate::tensor::Parameters;
@@ -55,6 +56,22 @@ pub enum Report {
     },
     /// What the reward says of a dream.
     Judged(Judgement),
+    /// A trajectory is being made.
+    Synthesizing {
+        /// Of which search.
+        seed: u64,
+        /// Steps of the gradient so far.
+        done: usize,
+        /// How many there will be.
+        n: usize,
+    },
+    /// A trajectory is made.
+    Synthesized {
+        /// It, with the seed of its search.
+        episode: DreamEpisode,
+        /// What it was to be.
+        acquisition: Acquisition,
+    },
     /// The reward has learned a little.
     Learning(Learning),
     /// The reward has parameters worth planning with.

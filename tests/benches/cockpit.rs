@@ -15,6 +15,7 @@ use std::time::{Duration, Instant};
 
 use dropj::env::{Aids, CarRacing, Env, Seed};
 use dropj::planner::PlannerConfig;
+use dropj::planner::synthesis::SynthesisConfig;
 use dropj::reward::RewardConfig;
 use dropj::session::SessionStore;
 use dropj::tensor::{Parameters, from_slice};
@@ -132,6 +133,7 @@ fn window(dir: &Path, session: &Path, world: &Path) -> (Harness<'static, App>, S
         fit: FitConfig::full(),
         reward: RewardConfig::car_racing(),
         planner: PlannerConfig::car_racing(),
+        synthesis: SynthesisConfig::paper(),
     };
     let (share, shared) = std::sync::mpsc::channel();
     let startup = Startup {

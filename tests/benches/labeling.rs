@@ -13,6 +13,7 @@ use std::time::{Duration, Instant};
 use dropj::dream::Dream;
 use dropj::env::{Action, CarRacing, Seed};
 use dropj::planner::PlannerConfig;
+use dropj::planner::synthesis::SynthesisConfig;
 use dropj::query::{Preference, Protocol, Response, SafetyAnswer, sample_queries};
 use dropj::reward::RewardConfig;
 use dropj::run::read_parameters;
@@ -77,6 +78,7 @@ fn window(model: &WorldModel, store: SessionStore, dir: &Path) -> Harness<'stati
         fit: FitConfig::full(),
         reward: RewardConfig::car_racing(),
         planner: PlannerConfig::car_racing(),
+        synthesis: SynthesisConfig::paper(),
     };
     let startup = Startup {
         env: "car-racing".to_owned(),

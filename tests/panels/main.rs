@@ -12,6 +12,7 @@ mod journeys;
 mod keys;
 mod labeling;
 mod looks;
+mod trajectories;
 
 use std::path::Path;
 use std::sync::{Arc, Mutex};

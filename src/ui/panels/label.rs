@@ -9,8 +9,8 @@ use crate::ui::answer::PREFERENCES;
 use crate::ui::command::{Command, Panel};
 use crate::ui::input;
 use crate::ui::keys::Deed;
-use crate::ui::panels::answers;
 use crate::ui::panels::progress::progress_ui;
+use crate::ui::panels::{answers, trajectories};
 use crate::ui::state::{NORMAL_SPEED, State};
 use crate::ui::tokens::{self, CONTROL, GAP, Tokens};
 use crate::ui::widgets::clip::{Rim, picture_ui, timeline_ui};
@@ -18,15 +18,28 @@ use crate::ui::widgets::keycap::{KeyButton, Tone};
 use crate::ui::widgets::layout::{heading, with_side};
 
 pub(super) fn label_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
-    let n_usable = state
-        .session()
-        .map_or(0, |session| session.dreams().iter().filter(|kept| kept.len >= SEGMENT_LEN).count());
-    if n_usable == 0 {
+    let protocol = state.protocol();
+    if protocol == Protocol::Request && state.current().is_none() {
+        return trajectories::waiting_ui(ui, state, commands);
+    }
+    let dreams = state.session().map(|session| session.dreams_for(protocol)).unwrap_or_default();
+    if !dreams.iter().any(|(_, len)| *len >= SEGMENT_LEN) {
         heading(ui, "Label", "Here you will compare short clips of your dreams.");
         ui.label("There is nothing to compare yet: drive a dream of at least a second, and keep it.");
         ui.add_space(GAP);
         if KeyButton::new("Go and dream").tone(Tone::Primary).is_pressed(ui) {
             commands.push(Command::Show(Panel::Dream));
+        }
+        ui.add_space(GAP);
+        ui.label(tokens::small(ui, "Or judge single steps of trajectories that are made for you"));
+        if KeyButton::new("ReQueST").is_pressed(ui) {
+            let request = Protocol::Request;
+            let has_session = state.store.is_some();
+            commands.push(if has_session {
+                Command::ChangeProtocol(request)
+            } else {
+                Command::NewSession(request)
+            });
         }
         return;
     }
@@ -153,7 +166,8 @@ fn head_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
         ui.label(RichText::new(question(state)).size(18.0).color(Tokens::of(ui).text));
         if let Some((transition, _)) = state.shown_transition() {
             let place = format!("transition {} of its trajectory", transition.place() + 1);
-            ui.label(tokens::small(ui, place));
+            let next = trajectories::in_short(state).map_or_else(String::new, |next| format!(" · {next}"));
+            ui.label(tokens::small(ui, place + &next));
         }
         ui.with_layout(Layout::right_to_left(Align::Center), |ui| protocol_ui(ui, state, commands));
     });
@@ -169,12 +183,10 @@ fn head_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
 }
 
 /// Which questions are asked, and which else could be.
-fn protocol_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
+pub(super) fn protocol_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
     let present = state.protocol();
     let menu = ui.menu_button(tokens::small(ui, present.name()), |ui| {
-        // Trajectories for ReQueST are made without a window: `dropj simulate --protocol request`.
-        let all = Protocol::ALL.into_iter().filter(|protocol| *protocol != Protocol::Request);
-        for protocol in all {
+        for protocol in Protocol::ALL {
             if ui.selectable_label(protocol == present, protocol.name()).clicked() {
                 commands.push(Command::ChangeProtocol(protocol));
                 ui.close();

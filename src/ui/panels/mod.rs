@@ -16,6 +16,7 @@ mod review;
 mod reward;
 mod sessions;
 mod status;
+mod trajectories;
 mod weights;
 mod world;
 

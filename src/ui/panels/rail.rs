@@ -6,6 +6,7 @@ use eframe::egui::{
 };
 
 use crate::env::MAX_STEPS;
+use crate::query::Protocol;
 use crate::ui::act::counted;
 use crate::ui::command::{Command, Panel};
 use crate::ui::state::State;
@@ -72,7 +73,8 @@ fn step(state: &State, panel: Panel) -> (Progress, String) {
         }
         Panel::Dream if n_dreams == 0 => (Progress::Ready, "drive one".to_owned()),
         Panel::Dream => when(true, format!("{n_dreams} kept")),
-        Panel::Label if n_dreams == 0 => waiting("needs dreams"),
+        Panel::Label if is_making(state) => (Progress::Running, "making a trajectory".to_owned()),
+        Panel::Label if n_dreams == 0 && state.protocol() != Protocol::Request => waiting("needs dreams"),
         Panel::Label if n_answered == 0 => (Progress::Ready, "answer queries".to_owned()),
         Panel::Label => when(true, counted(n_answered, "answer")),
         Panel::Reward if state.reward.is_fitting => (Progress::Running, "fitting".to_owned()),
@@ -98,6 +100,7 @@ fn share(state: &State, panel: Panel) -> Option<f32> {
             Some(of(progress.epoch * progress.n + progress.done, progress.max_epochs * progress.n))
         }
         Panel::Dream if state.dream.is_on => Some(of(state.dream.live.as_ref()?.step, MAX_STEPS)),
+        Panel::Label => state.label.making.ordered.as_ref().map(|ordered| ordered.share),
         Panel::Reward if state.reward.is_fitting => {
             let latest = state.reward.latest.as_ref()?;
             Some(of(latest.epoch, latest.fit_epochs?))
@@ -105,6 +108,11 @@ fn share(state: &State, panel: Panel) -> Option<f32> {
         Panel::Deploy if state.deploy.is_on => Some(of(state.deploy.view.as_ref()?.step, MAX_STEPS)),
         _ => None,
     }
+}
+
+/// Whether labeling waits for a trajectory.
+fn is_making(state: &State) -> bool {
+    state.label.making.ordered.is_some() && state.current().is_none()
 }
 
 fn learned(state: &State) -> String {

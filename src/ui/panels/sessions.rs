@@ -49,6 +49,7 @@ fn new_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
         (Protocol::Drop, "Left or right"),
         (Protocol::DropjMulti, "What matters most, and left, equal or right"),
         (Protocol::Dros, "Whether each single step is unsafe, good or neither"),
+        (Protocol::Request, "The same of trajectories made to be worth asking about"),
     ] {
         ui.horizontal(|ui| {
             let tone = if protocol == Protocol::of_env(&state.env) { Tone::Primary } else { Tone::Plain };

@@ -89,6 +89,9 @@ fn jobs(state: &State) -> Vec<String> {
     if state.reward.is_relearning {
         jobs.push("reward: learning by other weights".to_owned());
     }
+    if let Some(ordered) = &state.label.making.ordered {
+        jobs.push(format!("trajectory: {:.0} %", 100.0 * ordered.share));
+    }
     if state.record.is_ending {
         jobs.push("recording: being sealed".to_owned());
     }

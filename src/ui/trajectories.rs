@@ -1,0 +1,191 @@
+//! Transitions and their order: those that were driven, and trajectories that a worker makes to be asked about.
+
+use rand::{RngExt as _, SeedableRng as _};
+use rand_chacha::ChaCha8Rng;
+
+use crate::dream::{DreamEpisode, Rows};
+use crate::planner::synthesis::{Acquisition, ROUND};
+use crate::query::{DreamId, Protocol, TRAJECTORY_LEN, Transition, sample_trajectory};
+use crate::session::{Choice, DreamSource, Event, Session};
+use crate::ui::App;
+use crate::ui::command::Command;
+use crate::ui::crew::Order;
+use crate::ui::state::State;
+use crate::worker::SynthesizerCommand;
+use crate::world_model::LatentState;
+
+/// Once so few transitions are left to answer, the next trajectory is made: late, so that it is of what was learned
+/// meanwhile, but early enough that nobody waits.
+const N_LEFT: usize = 25;
+/// The generators of trajectories have streams of their own, beyond those of queries.
+const STREAMS: u64 = 1 << 32;
+
+/// What is known of the making of trajectories.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Making {
+    /// The one that is being made.
+    pub ordered: Option<Ordered>,
+    /// Whether none is made until somebody says so.
+    pub is_stopped: bool,
+}
+
+/// A trajectory that is being made.
+#[derive(Clone, Debug)]
+pub(crate) struct Ordered {
+    seed: u64,
+    /// What it is to be.
+    pub acquisition: Acquisition,
+    /// How much of the work is done, in `[0, 1]`.
+    pub share: f32,
+}
+
+impl App {
+    /// Draws the transitions that come next: those that follow the last one, then another trajectory.
+    pub(super) fn ask_transitions(&mut self, n: usize) {
+        for _ in 0..n {
+            if self.state.now < self.state.label.ask_again_at {
+                return;
+            }
+            let Some(query) = self.state.session().map(Session::next_query_id) else { return };
+            let Some((transition, choice)) = self.next_transition() else { return };
+            if !self.record(Event::AskedTransition { query, transition, choice }) {
+                self.state.label.ask_again_at = self.state.now + 5.0;
+            }
+        }
+    }
+
+    /// The transition to ask about next, and why.
+    fn next_transition(&self) -> Option<(Transition, Choice)> {
+        let store = self.state.store.as_ref()?;
+        let (session, protocol) = (store.session(), store.session().protocol());
+        let is_readable = |dream: DreamId| !self.state.label.unreadable.contains(&dream);
+        let mut dreams = session.dreams_for(protocol);
+        dreams.retain(|(dream, _)| is_readable(*dream));
+        let len = |id| dreams.iter().find(|(dream, _)| *dream == id).map(|(_, len)| *len);
+        let next = last_transition(session, protocol).and_then(|last| last.next(len(last.dream)?));
+        let transition = match next {
+            Some(next) => next,
+            None if protocol == Protocol::Request => {
+                let fresh = session.fresh_trajectories().into_iter().find(|kept| is_readable(kept.dream))?;
+                Transition { dream: fresh.dream, first: 0, step: 0 }
+            }
+            None => {
+                let mut rng = ChaCha8Rng::seed_from_u64(store.header().seed);
+                rng.set_stream(u64::from(session.next_query_id().0));
+                sample_trajectory(&dreams, &mut rng)?
+            }
+        };
+        Some((transition, session.choice_of(transition.dream)))
+    }
+
+    /// Has another trajectory made where the present one comes to its end.
+    ///
+    /// `// DIFFERENCE:` the authors make the fifteen of a round at once, by one and the same classifier, while somebody
+    /// waits; here one is made while another is answered, each by what is learned by then.
+    pub(super) fn make_ahead(&mut self) {
+        let making = &self.state.label.making;
+        if self.state.protocol() != Protocol::Request || making.ordered.is_some() || making.is_stopped {
+            return;
+        }
+        let (Some(store), false) = (&self.state.store, self.state.now < self.state.label.ask_again_at) else {
+            return;
+        };
+        let session = store.session();
+        if n_left(session) > N_LEFT || !session.fresh_trajectories().is_empty() {
+            return;
+        }
+        let starts = starts(&self.state);
+        if starts.is_empty() {
+            return;
+        }
+        let number = session.n_synthesized();
+        // What is made does not hang on when it was made.
+        let mut rng = ChaCha8Rng::seed_from_u64(store.header().seed);
+        rng.set_stream(STREAMS + number as u64);
+        let acquisition = Acquisition::of(number / ROUND, number % ROUND, &mut rng);
+        let seed = rng.random();
+        let start = starts[number % ROUND % starts.len()].clone();
+        let (reward, seen) = (self.state.reward.parameters.clone(), seen(&self.state));
+        self.state.label.making.ordered = Some(Ordered { seed, acquisition, share: 0.0 });
+        let command = SynthesizerCommand::Make { start, acquisition, reward, seen, seed };
+        self.crew.send(Order::Synthesizer(command));
+    }
+
+    pub(super) fn synthesizing(&mut self, seed: u64, done: usize, n: usize) {
+        let ordered = self.state.label.making.ordered.as_mut();
+        if let Some(ordered) = ordered.filter(|ordered| ordered.seed == seed) {
+            ordered.share = done as f32 / n.max(1) as f32;
+        }
+    }
+
+    /// Keeps a trajectory, unless nobody waits for it any more.
+    pub(super) fn synthesized(&mut self, episode: DreamEpisode, acquisition: Acquisition) {
+        let making = &mut self.state.label.making;
+        if making.ordered.take_if(|ordered| ordered.seed == episode.seed).is_none() {
+            return;
+        }
+        let Some(store) = &mut self.state.store else { return };
+        match store.save_trajectory(&episode, acquisition) {
+            Ok(id) => self.teach_dream(id, episode),
+            Err(e) => self.not_made(format!("a trajectory was made and could not be kept: {e}")),
+        }
+    }
+
+    /// Says that no trajectory came of it, and makes none before somebody wants it.
+    pub(super) fn not_made(&mut self, why: String) {
+        let making = &mut self.state.label.making;
+        (making.ordered, making.is_stopped) = (None, true);
+        self.fail_with(why, vec![("Try again".to_owned(), Command::MakeTrajectories(true))]);
+    }
+
+    /// Makes trajectories where they are needed, or none.
+    pub(super) fn make_trajectories(&mut self, is_wanted: bool) {
+        let making = &mut self.state.label.making;
+        making.is_stopped = !is_wanted;
+        if !is_wanted && making.ordered.take().is_some() {
+            self.crew.send(Order::Synthesizer(SynthesizerCommand::Stop));
+        }
+    }
+}
+
+/// The transition that `protocol` asked about last.
+fn last_transition(session: &Session, protocol: Protocol) -> Option<Transition> {
+    let mut asked = session.queries().iter().rev().filter(|asked| session.is_of(asked, protocol));
+    asked.find_map(|asked| asked.transition)
+}
+
+/// How many transitions of the trajectories that were begun are left to answer.
+fn n_left(session: &Session) -> usize {
+    let n_asked = session.pending().filter(|asked| session.is_of(asked, Protocol::Request)).count();
+    let last = last_transition(session, Protocol::Request);
+    let n_unasked = last.map_or(0, |last| (TRAJECTORY_LEN - 2).saturating_sub(last.place()));
+    n_asked + n_unasked
+}
+
+/// Where trajectories begin: where dreams of the session did, and wherever else they can.
+fn starts(state: &State) -> Vec<&LatentState> {
+    let kept = state.session().map_or(&[][..], |session| session.dreams());
+    let driven = kept.iter().filter(|kept| kept.source != DreamSource::Synthesized);
+    let driven = driven.filter_map(|kept| state.review.episodes.get(&kept.dream)).map(|dream| &dream.start);
+    let offered = state.world.loaded.iter().flat_map(|world| &world.starts).map(|start| &start.state);
+    let mut starts: Vec<&LatentState> = Vec::new();
+    for start in driven.chain(offered) {
+        if !starts.contains(&start) {
+            starts.push(start);
+        }
+    }
+    starts
+}
+
+/// The latents that transitions led to which were judged.
+fn seen(state: &State) -> Rows {
+    let mut seen = Rows::default();
+    for judged in state.session().map(Session::judged).unwrap_or_default() {
+        let Transition { dream, step, .. } = judged.transition;
+        if let Some(dream) = state.review.episodes.get(&dream).filter(|dream| step + 1 < dream.len()) {
+            seen.width = dream.zs.width;
+            seen.push(dream.zs.row(step + 1));
+        }
+    }
+    seen
+}
