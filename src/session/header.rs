@@ -97,10 +97,7 @@ impl Header {
             Protocol::Request => "request",
             Protocol::Dros => "dros",
         };
-        let secs = self.created_at / 1000;
-        let (year, month, day) = civil(secs / 86_400);
-        let (hour, minute, second) = (secs / 3600 % 24, secs / 60 % 60, secs % 60);
-        format!("{year:04}-{month:02}-{day:02}T{hour:02}-{minute:02}-{second:02}-{protocol}")
+        timed_name(self.created_at, protocol)
     }
 
     /// The head of the session in `dir`.
@@ -126,6 +123,14 @@ impl Header {
         text.push('\n');
         arrays::write_whole(&dir.join(FILE), text.as_bytes(), "write the session's header")
     }
+}
+
+/// `what` behind the time (UTC) so many milliseconds after the start of 1970.
+pub(super) fn timed_name(at: u64, what: &str) -> String {
+    let secs = at / 1000;
+    let (year, month, day) = civil(secs / 86_400);
+    let (hour, minute, second) = (secs / 3600 % 24, secs / 60 % 60, secs % 60);
+    format!("{year:04}-{month:02}-{day:02}T{hour:02}-{minute:02}-{second:02}-{what}")
 }
 
 /// Year, month and day of the Gregorian calendar, `days` after the first of January 1970.

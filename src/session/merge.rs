@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use crate::query::{DreamId, QueryId, SegmentRef, Transition, Weights};
 use crate::session::error::SessionError;
 use crate::session::event::{Choice, Event, KeptDream};
-use crate::session::header::Header;
+use crate::session::header::{Header, timed_name};
 use crate::session::store::{self, Reading, SessionStore};
 
 /// A session in `out` with all that was said in the sessions in `dirs`, one after the other.
@@ -32,6 +32,12 @@ pub fn merge(dirs: &[PathBuf], out: &Path) -> Result<SessionStore, SessionError>
     let dropped: BTreeSet<&str> = readings.iter().flat_map(|reading| hashes(reading, true)).collect();
     drop_dreams(&mut merged, |hash| dropped.contains(hash) && !in_use.contains(hash))?;
     Ok(merged)
+}
+
+/// The same in a folder of its own below `sessions`, of which nothing is left where it fails.
+pub fn merge_in(dirs: &[PathBuf], sessions: &Path) -> Result<SessionStore, SessionError> {
+    let out = store::free_folder(sessions, &timed_name(store::now(), "merged"));
+    merge(dirs, &out).inspect_err(|_| drop(std::fs::remove_dir_all(&out)))
 }
 
 /// The hashes of the dreams that were deleted from a session, or that were not.
@@ -73,6 +79,13 @@ pub fn hand_on(dir: &Path, out: &Path, annotator: &str) -> Result<SessionStore, 
     let dropped: BTreeSet<&str> = hashes(&reading, true).collect();
     drop_dreams(&mut handed, |hash| dropped.contains(hash))?;
     Ok(handed)
+}
+
+/// The same in a folder of its own below `sessions`, of which nothing is left where it fails.
+pub fn hand_on_in(dir: &Path, sessions: &Path, annotator: &str) -> Result<SessionStore, SessionError> {
+    let plain: String = annotator.chars().map(|c| if c.is_alphanumeric() { c } else { '-' }).collect();
+    let out = store::free_folder(sessions, &timed_name(store::now(), &format!("for-{plain}")));
+    hand_on(dir, &out, annotator).inspect_err(|_| drop(std::fs::remove_dir_all(&out)))
 }
 
 /// The head of a session in `out` that goes on with what the one in `dir` was about.

@@ -22,6 +22,12 @@ impl Recent {
     }
 }
 
+/// The session in `dir`, which is left as it is.
+pub fn look_at(dir: &Path) -> Recent {
+    let session = store::read(dir, None).map(|reading| (reading.header, reading.session));
+    Recent { dir: dir.to_owned(), session }
+}
+
 /// The sessions in `sessions`, the latest first; none where there is no such folder.
 pub fn recent(sessions: &Path) -> Result<Vec<Recent>, SessionError> {
     let listing = match std::fs::read_dir(sessions) {
@@ -31,11 +37,7 @@ pub fn recent(sessions: &Path) -> Result<Vec<Recent>, SessionError> {
     let mut dirs: Vec<PathBuf> = listing.filter_map(|item| Some(item.ok()?.path())).collect();
     dirs.retain(|dir| dir.join(header::FILE).exists());
     dirs.sort();
-    let open = |dir: PathBuf| {
-        let session = store::read(&dir, None).map(|reading| (reading.header, reading.session));
-        Recent { dir, session }
-    };
-    let mut recent: Vec<_> = dirs.into_iter().map(open).collect();
+    let mut recent: Vec<_> = dirs.iter().map(|dir| look_at(dir)).collect();
     recent.sort_by_key(|recent| std::cmp::Reverse(recent.last_at()));
     Ok(recent)
 }

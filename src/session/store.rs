@@ -48,13 +48,7 @@ impl SessionStore {
 
     /// A new session in a folder of its own below `sessions`, named by its time; never over another.
     pub fn create_in(sessions: &Path, header: Header) -> Result<Self, SessionError> {
-        let name = header.folder_name();
-        let mut dir = sessions.join(&name);
-        let mut number = 1;
-        while dir.exists() {
-            number += 1;
-            dir = sessions.join(format!("{name}-{number}"));
-        }
+        let dir = free_folder(sessions, &header.folder_name());
         Self::create(&dir, header)
     }
 
@@ -249,6 +243,17 @@ impl SessionStore {
         }
         arrays::write_whole(&path, bytes, tried)
     }
+}
+
+/// A folder called `name` below `sessions`, or the like where there is one.
+pub(super) fn free_folder(sessions: &Path, name: &str) -> PathBuf {
+    let mut dir = sessions.join(name);
+    let mut number = 1;
+    while dir.exists() {
+        number += 1;
+        dir = sessions.join(format!("{name}-{number}"));
+    }
+    dir
 }
 
 /// A session and its head as they stand in a folder, which is left as it is.

@@ -11,7 +11,7 @@ use crate::session::{DreamSource, Event, Session};
 use crate::ui::App;
 use crate::ui::command::{Command, Field, Panel};
 use crate::ui::crew::Order;
-use crate::ui::dialog::Dialog;
+use crate::ui::dialog::{Dialog, Purpose};
 use crate::ui::state::FitState;
 use crate::worker::{DreamerCommand, DriverCommand, ModelerCommand, RecorderCommand, TrainerCommand};
 
@@ -20,7 +20,16 @@ impl App {
         match command {
             Command::Show(panel) => self.show(panel),
             Command::Edit(field, text) => drop(self.state.fields.insert(field, text)),
-            Command::Browse(field) => self.dialog = Some(Dialog::open(ctx, field, self.state.field(field))),
+            Command::Browse(field) => {
+                self.dialog = Some(Dialog::open(ctx, Purpose::Field(field), self.state.field(field)));
+            }
+            Command::Import(_)
+            | Command::UseRecordings(_)
+            | Command::ToggleSeveral
+            | Command::AddToSeveral(_)
+            | Command::ChooseForSeveral(..)
+            | Command::Merge
+            | Command::HandOn => self.act_on_errands(ctx, &command),
             Command::Theme(theme) => {
                 self.state.theme = theme;
                 ctx.set_theme(theme);

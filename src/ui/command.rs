@@ -7,6 +7,7 @@ use eframe::egui::{Key, ThemePreference};
 use crate::env::controls::ControlConfig;
 use crate::query::{DreamId, Justification, Protocol, QueryId, Response, SkipReason, Weights};
 use crate::ui::choosing::Asking;
+use crate::ui::dialog::Purpose;
 use crate::ui::input::PadButton;
 use crate::ui::keys::Deed;
 use crate::ui::pace::Budget;
@@ -64,6 +65,8 @@ pub enum Field {
     Session,
     /// Who answers.
     Annotator,
+    /// Who is to answer the queries that are handed on.
+    HandOnTo,
 }
 
 /// One thing to do, once the frame is drawn.
@@ -75,6 +78,10 @@ pub enum Command {
     Edit(Field, String),
     /// Asks the system's dialog for a field.
     Browse(Field),
+    /// Asks the system's dialog for something to take in at once.
+    Import(Purpose),
+    /// Takes the recordings in a folder for those of this window.
+    UseRecordings(PathBuf),
     /// Chooses light, dark or what the system says.
     Theme(ThemePreference),
     /// Opens or closes the list of keys.
@@ -182,6 +189,16 @@ pub enum Command {
     Guide(bool),
     /// Opens or closes the list of answers.
     ToggleAnswers,
+    /// Opens or closes what is done with sessions of several annotators.
+    ToggleSeveral,
+    /// Offers this session, too, for putting together.
+    AddToSeveral(PathBuf),
+    /// Puts this session together with others, or not.
+    ChooseForSeveral(PathBuf, bool),
+    /// Puts the chosen sessions together in a new one.
+    Merge,
+    /// Makes a session of the same queries for whoever is named.
+    HandOn,
     /// Compares all who answered about the dreams of this session.
     CompareAnnotators,
     /// Makes trajectories where they are needed, or none and not the one that is being made.

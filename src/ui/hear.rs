@@ -40,7 +40,7 @@ impl World {
 impl App {
     pub(super) fn hear_hands(&mut self, ctx: &Context) {
         let mut commands = Vec::new();
-        let is_covered = self.state.help_open || self.state.sessions_open || ctx.text_edit_focused();
+        let is_covered = self.state.is_covered() || ctx.text_edit_focused();
         for event in self.input.poll() {
             match event {
                 PadEvent::Connected(name) => {
@@ -270,16 +270,6 @@ impl App {
                 deploy.candidates = view.candidates.iter().map(last).collect();
             }
             deploy.view = Some(view);
-        }
-    }
-
-    pub(super) fn hear_dialog(&mut self) {
-        let Some(dialog) = &mut self.dialog else { return };
-        let field = dialog.field;
-        let Some(chosen) = dialog.poll() else { return };
-        self.dialog = None;
-        if let Some(path) = chosen {
-            self.state.fields.insert(field, path.display().to_string());
         }
     }
 

@@ -10,6 +10,7 @@ mod choosing;
 mod command;
 mod crew;
 mod dialog;
+mod errands;
 mod hear;
 mod input;
 mod keys;
@@ -43,12 +44,14 @@ use crate::worker::{Job, Report, Reports};
 pub use choosing::Asking;
 pub use command::{Command, Field, Panel};
 pub use crew::{Crew, Order, Plans, Slots, Threads};
+pub use dialog::Purpose;
 pub use input::{Gilrs, InputSource, NoPads, PadButton, PadEvent, system_pads};
 pub use keys::{Deed, Keys};
 pub use pace::Budget;
 pub use state::{DreamStart, LoadedWorld};
 
 use dialog::Dialog;
+use errands::Errand;
 use input::Hands;
 use preferences::Preferences;
 use state::{State, World};
@@ -104,6 +107,8 @@ pub struct App {
     unheard: Vec<Report>,
     sessions: PathBuf,
     dialog: Option<Dialog>,
+    /// Work on files that somebody waits for.
+    errand: Option<Errand>,
     next_toast: u64,
     /// The least time between two pictures of the window.
     pace: Duration,
@@ -168,6 +173,7 @@ impl App {
             unheard: Vec::new(),
             sessions: startup.sessions,
             dialog: None,
+            errand: None,
             next_toast: 0,
             pace,
         };
@@ -255,7 +261,9 @@ impl eframe::App for App {
         self.hear_hands(ctx);
         self.hear_reports(ctx);
         self.hear_slots(ctx);
-        self.hear_dialog();
+        self.hear_dialog(ctx);
+        self.hear_drops(ctx);
+        self.hear_errands(ctx);
         self.hear_loader(ctx);
         self.show_clips(ctx);
         self.show_review(ctx);
@@ -265,8 +273,7 @@ impl eframe::App for App {
     }
 
     fn ui(&mut self, ui: &mut egui::Ui, _frame: &mut eframe::Frame) {
-        let is_covered = self.state.help_open || self.state.sessions_open;
-        input::set_live(ui.ctx(), !is_covered);
+        input::set_live(ui.ctx(), !self.state.is_covered());
         let mut commands = Vec::new();
         panels::window_ui(ui, &self.state, &mut commands);
         if !commands.is_empty() {

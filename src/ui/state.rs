@@ -16,6 +16,7 @@ use crate::tensor::Parameters;
 use crate::ui::beside::Besides;
 use crate::ui::choosing::{Asking, Weighing, is_held_back};
 use crate::ui::command::{Command, Field, Panel};
+use crate::ui::errands::Several;
 use crate::ui::keys::{Deed, Keys, Rebinding};
 use crate::ui::pace::{Budget, Pace};
 use crate::ui::pads::Pads;
@@ -70,6 +71,10 @@ pub(crate) struct State {
     /// Dreams that a killed program left behind.
     pub unfinished: Vec<UnfinishedDream>,
     pub sessions_open: bool,
+    /// Sessions of several annotators.
+    pub several: Several,
+    /// What is being done with files, in a few words.
+    pub errand: Option<&'static str>,
     pub help_open: bool,
     pub theme: ThemePreference,
     /// Which keys do what.
@@ -433,6 +438,11 @@ impl State {
     /// What answers weigh.
     pub(crate) fn weights(&self) -> Weights {
         self.session().map_or_else(|| Weights::of_env(&self.env), |session| session.weights().clone())
+    }
+
+    /// Whether something lies over the panel, so that its keys do nothing.
+    pub(crate) fn is_covered(&self) -> bool {
+        self.help_open || self.sessions_open || self.several.is_open
     }
 
     /// What is typed into a field.

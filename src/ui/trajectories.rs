@@ -16,7 +16,7 @@ use crate::world_model::LatentState;
 
 /// Once so few transitions are left to answer, the next trajectory is made: late, so that it is of what was learned
 /// meanwhile, but early enough that nobody waits.
-const N_LEFT: usize = 25;
+const N_LEFT: usize = 35;
 /// The generators of trajectories have streams of their own, beyond those of queries.
 const STREAMS: u64 = 1 << 32;
 

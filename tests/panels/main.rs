@@ -12,6 +12,7 @@ mod journeys;
 mod keys;
 mod labeling;
 mod looks;
+mod several;
 mod trajectories;
 
 use std::path::Path;

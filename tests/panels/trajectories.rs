@@ -60,14 +60,14 @@ fn a_trajectory_is_made_kept_and_asked_about_and_the_next_is_made_meanwhile() {
 
     let parameters = world().parameters;
     backstage.report(Report::Learned { parameters, n_labels: 10, fit: None });
-    for _ in 1..24 {
+    for _ in 1..14 {
         press(&mut harness, Key::ArrowUp);
     }
     let [(next, Acquisition::MaxReward, true)] = wanted(&backstage)[..] else { panic!("none is wanted") };
     backstage.report(Report::Synthesizing { seed: next, done: 20, n: 200 });
     harness.run_steps(2);
     harness.get_by_label_contains("next one: 10 % made");
-    for _ in 24..49 {
+    for _ in 14..49 {
         press(&mut harness, Key::ArrowUp);
     }
     harness.get_by_label("Making a trajectory, 10 %");

@@ -16,7 +16,7 @@ pub(super) fn card_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
             if KeyButton::new("Compare").tone(Tone::Quiet).small().is_pressed(ui) {
                 commands.push(Command::CompareAnnotators);
             }
-            return;
+            return several_ui(ui, commands);
         };
         let color = Tokens::of(ui).text;
         for one in &found.each {
@@ -39,7 +39,17 @@ pub(super) fn card_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
         if KeyButton::new("Compare anew").tone(Tone::Quiet).small().is_pressed(ui) {
             commands.push(Command::CompareAnnotators);
         }
+        several_ui(ui, commands);
     });
+}
+
+/// The way to sessions of several.
+fn several_ui(ui: &mut Ui, commands: &mut Vec<Command>) {
+    let button = KeyButton::new("Merge or hand on…").tone(Tone::Quiet).small().show(ui);
+    let about = "Put sessions of several annotators together, or have somebody else answer the same queries";
+    if button.on_hover_text(about).clicked() {
+        commands.push(Command::ToggleSeveral);
+    }
 }
 
 fn in_words(one: &AnnotatorReport) -> String {

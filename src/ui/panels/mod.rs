@@ -15,6 +15,7 @@ mod record;
 mod review;
 mod reward;
 mod sessions;
+mod several;
 mod status;
 mod trajectories;
 mod weights;
@@ -59,6 +60,9 @@ pub(super) fn window_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>)
     status::toasts_ui(ui, state, commands);
     if state.sessions_open {
         sessions::sessions_ui(ui, state, commands);
+    }
+    if state.several.is_open {
+        several::several_ui(ui, state, commands);
     }
     if state.help_open {
         help::help_ui(ui, state, commands);

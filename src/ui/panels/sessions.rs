@@ -2,15 +2,19 @@
 
 use std::path::PathBuf;
 
-use eframe::egui::{Id, Key, Modal, RichText, ScrollArea, Ui};
+use eframe::egui::{Align, Id, Key, Layout, Modal, RichText, ScrollArea, Ui};
 
 use crate::query::Protocol;
 use crate::ui::command::{Command, Field};
+use crate::ui::dialog::Purpose;
 use crate::ui::state::State;
 use crate::ui::tokens::{self, GAP, Tokens};
 use crate::ui::widgets::field::path_ui;
 use crate::ui::widgets::keycap::{KeyButton, Tone};
 use crate::ui::widgets::layout::dialog_frame;
+
+/// The height of all but the list of sessions.
+const AROUND: f32 = 580.0;
 
 pub(super) fn sessions_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
     let modal = Modal::new(Id::unique("sessions")).frame(dialog_frame(ui)).show(ui.ctx(), |ui| {
@@ -32,6 +36,7 @@ pub(super) fn sessions_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command
             if KeyButton::new("Close").key(Key::Escape).tone(Tone::Quiet).show(ui).clicked() {
                 commands.push(Command::ToggleSessions);
             }
+            ui.with_layout(Layout::right_to_left(Align::Center), |ui| import_ui(ui, state, commands));
         });
     });
     if modal.should_close() && !commands.contains(&Command::ToggleSessions) {
@@ -62,6 +67,21 @@ fn new_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
     }
 }
 
+/// What else can be taken in from elsewhere, from the right to the left.
+fn import_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
+    let recordings = "A folder of recorded episodes: world models are fitted to them, and new ones are added";
+    let world = "A file of network parameters; its dreams are another session's";
+    for (name, purpose, about) in
+        [("Recordings…", Purpose::Recordings, recordings), ("World model…", Purpose::World, world)]
+    {
+        let button = KeyButton::new(name).enabled(state.errand.is_none()).show(ui);
+        if button.on_hover_text(about).clicked() {
+            commands.push(Command::Import(purpose));
+        }
+    }
+    ui.label(tokens::small(ui, "Take in"));
+}
+
 fn recent_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
     let tokens = Tokens::of(ui);
     ui.label(RichText::new("Go on with").strong().color(tokens.text));
@@ -69,7 +89,9 @@ fn recent_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
         ui.label(tokens::muted(ui, "None yet."));
         return;
     }
-    ScrollArea::vertical().id_salt("recent").max_height(190.0).show(ui, |ui| {
+    // In a low window the rest must stay in reach.
+    let room = (ui.ctx().content_rect().height() - AROUND).clamp(60.0, 190.0);
+    ScrollArea::vertical().id_salt("recent").max_height(room).show(ui, |ui| {
         for recent in &state.recent {
             ui.horizontal(|ui| {
                 let is_open = state.store.as_ref().is_some_and(|store| store.dir() == recent.dir);

@@ -89,6 +89,7 @@ fn jobs(state: &State) -> Vec<String> {
     if state.reward.is_relearning {
         jobs.push("reward: learning by other weights".to_owned());
     }
+    jobs.extend(state.errand.map(str::to_owned));
     if let Some(ordered) = &state.label.making.ordered {
         jobs.push(format!("trajectory: {:.0} %", 100.0 * ordered.share));
     }

@@ -1,0 +1,98 @@
+//! Sessions of several annotators: put together, or handed on to somebody else.
+
+use eframe::egui::{Id, Key, Modal, RichText, ScrollArea, Ui};
+
+use crate::ui::command::{Command, Field};
+use crate::ui::dialog::Purpose;
+use crate::ui::state::State;
+use crate::ui::tokens::{self, GAP, Tokens};
+use crate::ui::widgets::field::field_ui;
+use crate::ui::widgets::keycap::{KeyButton, Tone};
+use crate::ui::widgets::layout::dialog_frame;
+
+pub(super) fn several_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
+    let modal = Modal::new(Id::unique("several")).frame(dialog_frame(ui)).show(ui.ctx(), |ui| {
+        ui.set_width(560.0);
+        ui.label(tokens::title("Several annotators"));
+        ui.add_space(GAP);
+        merge_ui(ui, state, commands);
+        ui.add_space(GAP);
+        hand_on_ui(ui, state, commands);
+        ui.add_space(GAP);
+        ui.horizontal(|ui| {
+            if KeyButton::new("Close").key(Key::Escape).tone(Tone::Quiet).show(ui).clicked() {
+                commands.push(Command::ToggleSeveral);
+            }
+            if let Some(doing) = state.errand {
+                ui.label(tokens::muted(ui, format!("{doing}…")));
+            }
+        });
+    });
+    if modal.should_close() && !commands.contains(&Command::ToggleSeveral) {
+        commands.push(Command::ToggleSeveral);
+    }
+}
+
+fn merge_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
+    let tokens = Tokens::of(ui);
+    ui.label(RichText::new("Put sessions together").strong().color(tokens.text));
+    ui.label(tokens::muted(
+        ui,
+        "A new session with all that was said in these, which stay as they are. The reward is to be learned anew there.",
+    ));
+    let several = &state.several;
+    let list = ScrollArea::vertical().id_salt("several").max_height(220.0);
+    list.show(ui, |ui| {
+        let Some(found) = &several.found else {
+            return drop(ui.label(tokens::muted(ui, "Looking at the sessions…")));
+        };
+        for session in found {
+            ui.horizontal(|ui| {
+                let mut is_chosen = several.chosen.contains(&session.dir) && session.about.is_ok();
+                ui.add_enabled_ui(session.about.is_ok(), |ui| {
+                    if ui.checkbox(&mut is_chosen, &session.name).changed() {
+                        commands.push(Command::ChooseForSeveral(session.dir.clone(), is_chosen));
+                    }
+                });
+                match &session.about {
+                    Ok(about) => ui.label(tokens::small(ui, about.as_str())),
+                    Err(why) => ui.label(tokens::small(ui, why.as_str()).color(tokens.warn)),
+                };
+            });
+        }
+    });
+    let is_idle = state.errand.is_none();
+    let n_chosen = several
+        .found
+        .iter()
+        .flatten()
+        .filter(|session| session.about.is_ok() && several.chosen.contains(&session.dir));
+    let n_chosen = n_chosen.count();
+    ui.horizontal(|ui| {
+        let merge = KeyButton::new("Put together").tone(Tone::Primary);
+        if merge.enabled(is_idle && n_chosen >= 2).is_pressed(ui) {
+            commands.push(Command::Merge);
+        }
+        if KeyButton::new("Add folders…").enabled(is_idle).is_pressed(ui) {
+            commands.push(Command::Import(Purpose::Several));
+        }
+        if n_chosen < 2 {
+            ui.label(tokens::small(ui, "Choose at least two"));
+        }
+    });
+}
+
+fn hand_on_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
+    let tokens = Tokens::of(ui);
+    ui.label(RichText::new("Hand this session on").strong().color(tokens.text));
+    ui.label(tokens::muted(
+        ui,
+        "A new session with the same dreams and queries and without the answers, so that somebody else answers the same.",
+    ));
+    field_ui(ui, state, Field::HandOnTo, "Who is to answer", commands);
+    let is_ready = state.errand.is_none() && state.store.is_some();
+    let is_named = !state.field(Field::HandOnTo).trim().is_empty();
+    if KeyButton::new("Hand on").enabled(is_ready && is_named).is_pressed(ui) {
+        commands.push(Command::HandOn);
+    }
+}
