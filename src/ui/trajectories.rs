@@ -14,9 +14,11 @@ use crate::ui::state::State;
 use crate::worker::SynthesizerCommand;
 use crate::world_model::LatentState;
 
-/// Once so few transitions are left to answer, the next trajectory is made: late, so that it is of what was learned
-/// meanwhile, but early enough that nobody waits.
-const N_LEFT: usize = 35;
+/// The next trajectory is begun while there is so many times as much to answer as the last one took to make: late, so
+/// that it is of what was learned meanwhile, but early enough that nobody waits.
+const HEADROOM: f64 = 2.0;
+/// Seconds of a verdict before the first one was given.
+const USUAL_SECS: f64 = 1.0;
 /// The generators of trajectories have streams of their own, beyond those of queries.
 const STREAMS: u64 = 1 << 32;
 
@@ -27,12 +29,16 @@ pub(crate) struct Making {
     pub ordered: Option<Ordered>,
     /// Whether none is made until somebody says so.
     pub is_stopped: bool,
+    /// Seconds that the last one took.
+    took: Option<f64>,
 }
 
 /// A trajectory that is being made.
 #[derive(Clone, Debug)]
 pub(crate) struct Ordered {
     seed: u64,
+    /// When, in seconds since the window opened.
+    since: f64,
     /// What it is to be.
     pub acquisition: Acquisition,
     /// How much of the work is done, in `[0, 1]`.
@@ -91,7 +97,8 @@ impl App {
             return;
         };
         let session = store.session();
-        if n_left(session) > N_LEFT || !session.fresh_trajectories().is_empty() {
+        let is_early = making.took.is_some_and(|took| secs_left(session) > HEADROOM * took);
+        if is_early || !session.fresh_trajectories().is_empty() {
             return;
         }
         let starts = starts(&self.state);
@@ -106,7 +113,8 @@ impl App {
         let seed = rng.random();
         let start = starts[number % ROUND % starts.len()].clone();
         let (reward, seen) = (self.state.reward.parameters.clone(), seen(&self.state));
-        self.state.label.making.ordered = Some(Ordered { seed, acquisition, share: 0.0 });
+        self.state.label.making.ordered =
+            Some(Ordered { seed, since: self.state.now, acquisition, share: 0.0 });
         let command = SynthesizerCommand::Make { start, acquisition, reward, seen, seed };
         self.crew.send(Order::Synthesizer(command));
     }
@@ -121,9 +129,8 @@ impl App {
     /// Keeps a trajectory, unless nobody waits for it any more.
     pub(super) fn synthesized(&mut self, episode: DreamEpisode, acquisition: Acquisition) {
         let making = &mut self.state.label.making;
-        if making.ordered.take_if(|ordered| ordered.seed == episode.seed).is_none() {
-            return;
-        }
+        let Some(ordered) = making.ordered.take_if(|ordered| ordered.seed == episode.seed) else { return };
+        making.took = Some(self.state.now - ordered.since);
         let Some(store) = &mut self.state.store else { return };
         match store.save_trajectory(&episode, acquisition) {
             Ok(id) => self.teach_dream(id, episode),
@@ -152,6 +159,14 @@ impl App {
 fn last_transition(session: &Session, protocol: Protocol) -> Option<Transition> {
     let mut asked = session.queries().iter().rev().filter(|asked| session.is_of(asked, protocol));
     asked.find_map(|asked| asked.transition)
+}
+
+/// How long the trajectories that were begun keep whoever answers, in seconds.
+fn secs_left(session: &Session) -> f64 {
+    let statistics = session.statistics();
+    let n = statistics.n_answered + statistics.n_skipped + statistics.n_again;
+    let secs = if n == 0 { USUAL_SECS } else { f64::from(statistics.active_secs) / n as f64 };
+    secs * n_left(session) as f64
 }
 
 /// How many transitions of the trajectories that were begun are left to answer.

@@ -15,8 +15,8 @@ use crate::worker::{Report, Reports, SynthesizerCommand, Worker, one_thread};
 use crate::world_model::{LatentState, WorldModel};
 
 const NAME: &str = "synthesizer";
-/// How far it is is told no more often than this.
-const TELL_EVERY: Duration = Duration::from_millis(200);
+/// How far it is is told no more often than this: where a window is painted in software, showing it costs time too.
+const TELL_EVERY: Duration = Duration::from_secs(1);
 
 /// Starts a thread that makes trajectories of `model`.
 pub fn spawn(model: Parameters, config: SynthesisConfig, reports: &Reports) -> Worker<SynthesizerCommand> {

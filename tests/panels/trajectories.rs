@@ -53,21 +53,23 @@ fn a_trajectory_is_made_kept_and_asked_about_and_the_next_is_made_meanwhile() {
     harness.get_by_label("Making a trajectory, 40 %");
     make(&mut harness, &backstage, seed ^ 1, Acquisition::MinReward);
     harness.get_by_label_contains("Making a trajectory");
+    // It takes a second, and verdicts a tenth of that each.
+    harness.run_steps(25);
     make(&mut harness, &backstage, seed, Acquisition::Uncertainty);
     harness.get_by_label("Where does the last step of this clip lead?");
     press(&mut harness, Key::ArrowRight);
-    assert_eq!(wanted(&backstage), [], "the next one is made by what is learned until then");
+    assert_eq!(wanted(&backstage), [], "there is time: the next one is made by what is learned until then");
 
     let parameters = world().parameters;
     backstage.report(Report::Learned { parameters, n_labels: 10, fit: None });
-    for _ in 1..14 {
+    for _ in 1..40 {
         press(&mut harness, Key::ArrowUp);
     }
     let [(next, Acquisition::MaxReward, true)] = wanted(&backstage)[..] else { panic!("none is wanted") };
     backstage.report(Report::Synthesizing { seed: next, done: 20, n: 200 });
     harness.run_steps(2);
     harness.get_by_label_contains("next one: 10 % made");
-    for _ in 14..49 {
+    for _ in 40..49 {
         press(&mut harness, Key::ArrowUp);
     }
     harness.get_by_label("Making a trajectory, 10 %");
