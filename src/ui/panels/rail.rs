@@ -52,6 +52,8 @@ pub(super) fn rail_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
 fn step(state: &State, panel: Panel) -> (Progress, String) {
     let session = state.session();
     let n_dreams = session.map_or(0, |session| session.dream_lens().len());
+    let n_askable = session.map_or(0, |session| session.dreams_for(session.protocol()).len());
+    let is_request = state.protocol() == Protocol::Request;
     let n_answered = session.map_or(0, |session| session.statistics().n_answered);
     let when = |is_done, about: String| (if is_done { Progress::Done } else { Progress::Ready }, about);
     let waiting = |about: &str| (Progress::Waiting, about.to_owned());
@@ -74,7 +76,7 @@ fn step(state: &State, panel: Panel) -> (Progress, String) {
         Panel::Dream if n_dreams == 0 => (Progress::Ready, "drive one".to_owned()),
         Panel::Dream => when(true, format!("{n_dreams} kept")),
         Panel::Label if is_making(state) => (Progress::Running, "making a trajectory".to_owned()),
-        Panel::Label if n_dreams == 0 && state.protocol() != Protocol::Request => waiting("needs dreams"),
+        Panel::Label if !is_request && n_askable == 0 => waiting("needs dreams"),
         Panel::Label if n_answered == 0 => (Progress::Ready, "answer queries".to_owned()),
         Panel::Label => when(true, counted(n_answered, "answer")),
         Panel::Reward if state.reward.is_fitting => (Progress::Running, "fitting".to_owned()),

@@ -33,7 +33,10 @@ pub(super) fn waiting_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>
                 "Fifty steps {}, found by following the gradient of that.",
                 about(ordered.acquisition)
             ));
-            ui.label(tokens::small(ui, "Its first step is asked about as soon as it is there; those after it are made while you answer."));
+            ui.label(tokens::small(
+                ui,
+                "It is asked about as soon as it is there, and the next one is made while you answer.",
+            ));
             ui.add_space(4.0);
             let share = format!("{:.0} %", 100.0 * ordered.share);
             progress_ui(ui, &format!("Making a trajectory, {share}"), ordered.share);

@@ -55,6 +55,9 @@ impl Judge {
     }
 
     /// How everything is learned anew, to the end or for a first impression.
+    ///
+    /// `// DIFFERENCE:` the authors hold out fewer of ReQueST's verdicts than of DROS's and keep its last networks; here
+    /// both are learned like DROS's, so that how well verdicts are foretold can be shown. `dropj refit` does as they do.
     pub(super) fn config(is_whole: bool) -> SparseConfig {
         let whole = SparseConfig::dros();
         if is_whole { whole } else { SparseConfig { updates: QUICK_UPDATES, ..whole } }
