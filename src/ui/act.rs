@@ -25,6 +25,7 @@ impl App {
             }
             Command::Import(_)
             | Command::UseRecordings(_)
+            | Command::CompareAnnotators
             | Command::ToggleSeveral
             | Command::AddToSeveral(_)
             | Command::ChooseForSeveral(..)

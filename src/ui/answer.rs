@@ -31,7 +31,6 @@ impl App {
             Command::GuidedSafe(is_safe) => self.answer_guided(is_safe),
             Command::Guide(is_guided) => (label.is_guided, label.guided) = (is_guided, Vec::new()),
             Command::ToggleAnswers => label.is_list_open = !label.is_list_open,
-            Command::CompareAnnotators => self.compare_annotators(),
             Command::MakeTrajectories(is_wanted) => self.make_trajectories(is_wanted),
             Command::Ask(asking) => label.asking = asking.clamped(),
             Command::Justify(justification) => label.justification = Some(justification),

@@ -7,7 +7,7 @@ use eframe::egui::Context;
 
 use crate::dataset::Dataset;
 use crate::session::header::FILE as SESSION_FILE;
-use crate::session::{Recent, Session, hand_on_in, look_at, merge_in, recent};
+use crate::session::{Annotators, Recent, Session, hand_on_in, look_at, merge_in, recent, share_dreams};
 use crate::ui::App;
 use crate::ui::act::counted;
 use crate::ui::command::{Command, Field, Panel};
@@ -31,6 +31,8 @@ pub(crate) struct Several {
 pub(super) enum Outcome {
     /// Sessions were looked at, so many folders of which had been named.
     Found(Vec<RecentSession>, usize),
+    /// Those were compared who answered about the dreams of the session in this folder.
+    Compared(PathBuf, Annotators),
     /// A session was made; the sentence says what it holds.
     Made(PathBuf, String),
     /// Recordings were looked at; the sentence says what they are.
@@ -76,6 +78,10 @@ impl App {
             Ok(Outcome::Found(found, n_added)) => {
                 let several = &mut self.state.several;
                 several.found = Some(found).filter(|_| several.added.len() == n_added);
+            }
+            Ok(Outcome::Compared(dir, annotators)) => {
+                let is_open = self.state.store.as_ref().is_some_and(|store| store.dir() == dir);
+                self.state.label.annotators = Some(annotators).filter(|_| is_open);
             }
             Ok(Outcome::Made(dir, said)) => {
                 self.state.several = Several::default();
@@ -130,6 +136,7 @@ impl App {
         match command {
             Command::Import(purpose) => self.dialog = Some(Dialog::open(ctx, *purpose, "")),
             Command::UseRecordings(dir) => self.use_recordings(ctx, dir.clone()),
+            Command::CompareAnnotators => self.compare_annotators(ctx),
             Command::ToggleSeveral if several.is_open => *several = Several::default(),
             Command::ToggleSeveral => {
                 *several = Several { is_open: true, ..Several::default() };
@@ -154,6 +161,20 @@ impl App {
             Command::HandOn => self.hand_on(ctx),
             _ => {}
         }
+    }
+
+    /// Looks in all sessions for people who answered about the dreams of this one.
+    fn compare_annotators(&mut self, ctx: &Context) {
+        let Some(store) = &self.state.store else { return };
+        let (own, dir, sessions) = (store.session().clone(), store.dir().to_owned(), self.sessions.clone());
+        self.run(ctx, "comparing annotators", move || {
+            let found = recent(&sessions).map_err(|e| e.to_string())?;
+            let others = found.iter().filter(|recent| recent.dir != dir);
+            let others = others.filter_map(|recent| Some(&recent.session.as_ref().ok()?.1));
+            let others = others.filter(|other| share_dreams(&own, other)).map(|other| (None, other));
+            let all: Vec<_> = std::iter::once((None, &own)).chain(others).collect();
+            Ok(Outcome::Compared(dir, Annotators::of(&all)))
+        });
     }
 
     fn look_for_several(&mut self, ctx: &Context) {

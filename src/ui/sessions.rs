@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use crate::query::Protocol;
-use crate::session::{Annotators, Header, Recent, SessionStore, now, recent, share_dreams};
+use crate::session::{Header, Recent, SessionStore, now, recent};
 use crate::ui::App;
 use crate::ui::act::{counted, fresh_seed};
 use crate::ui::command::{Command, Panel};
@@ -20,22 +20,6 @@ impl App {
         match recent(&self.sessions) {
             Ok(found) => {
                 self.state.recent = found.into_iter().take(30).map(|recent| self.describe(recent)).collect();
-            }
-            Err(e) => self.fail(e.to_string()),
-        }
-    }
-
-    /// Looks in all sessions for people who answered about the dreams of this one.
-    pub(super) fn compare_annotators(&mut self) {
-        let Some(store) = &self.state.store else { return };
-        let (own, dir) = (store.session(), store.dir());
-        match recent(&self.sessions) {
-            Ok(found) => {
-                let others = found.iter().filter(|recent| recent.dir != dir);
-                let others = others.filter_map(|recent| Some(&recent.session.as_ref().ok()?.1));
-                let others = others.filter(|other| share_dreams(own, other)).map(|other| (None, other));
-                let all: Vec<_> = std::iter::once((None, own)).chain(others).collect();
-                self.state.label.annotators = Some(Annotators::of(&all));
             }
             Err(e) => self.fail(e.to_string()),
         }

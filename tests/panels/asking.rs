@@ -10,6 +10,7 @@ use dropj::worker::ScreenerCommand;
 
 use super::keys::Memory;
 use super::looks::has_adapter;
+use super::several::wait_for;
 use super::*;
 
 /// The label panel of somebody whose preferences are these.
@@ -216,8 +217,7 @@ fn those_who_answered_the_same_queries_are_compared() {
         press(&mut harness, Key::L);
     }
     harness.get_by_label("Compare").click();
-    harness.run_steps(3);
-    harness.get_by_label("anonymous and ben");
+    wait_for(&mut harness, "anonymous and ben");
     harness.get_by_label_contains("1 of 2 alike");
     harness.get_by_label_contains("2 answers, 3.0 s each");
 }

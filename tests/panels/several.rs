@@ -11,7 +11,7 @@ use super::looks::has_adapter;
 use super::*;
 
 /// Goes on until something so called is there.
-fn wait_for(harness: &mut Harness<'_, App>, label: &str) {
+pub(super) fn wait_for(harness: &mut Harness<'_, App>, label: &str) {
     let began = Instant::now();
     while harness.query_by_label_contains(label).is_none() {
         assert!(began.elapsed() < Duration::from_secs(30), "{label:?} never came");
@@ -57,13 +57,18 @@ fn sessions_are_put_together_in_a_new_one() {
     harness.get_by_label("Choose at least two");
     press(&mut harness, Key::A);
     assert_eq!(answers(&harness).len(), 3, "what lies beneath hears no key");
-    harness.get_by_label("of-ben").click();
-    harness.run_steps(2);
-    harness.get_by_label("Put together").click();
+    // All by keyboard.
+    for (label, key) in [("of-ben", Key::Space), ("Put together", Key::Enter)] {
+        harness.get_by_label(label).focus();
+        harness.run_steps(2);
+        press(&mut harness, key);
+    }
     wait_for(&mut harness, "2 sessions put together in");
     harness.get_by_label_contains("2 dreams, 4 answers of anonymous, ben");
-    harness.get_by_label("Open it").click();
-    harness.run_steps(3);
+    harness.get_by_label("Open it").focus();
+    harness.run_steps(2);
+    press(&mut harness, Key::Enter);
+    harness.run_steps(2);
     let store = harness.state().session().unwrap();
     assert!(store.dir().to_string_lossy().ends_with("-merged"), "{:?}", store.dir());
     let annotators: Vec<_> = store.session().annotators().into_iter().collect();
