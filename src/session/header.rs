@@ -98,9 +98,8 @@ impl Header {
             Protocol::Dros => "dros",
         };
         let secs = self.created_at / 1000;
-        let (year, month, day) = civil(secs / 86_400);
-        let (hour, minute, second) = (secs / 3600 % 24, secs / 60 % 60, secs % 60);
-        format!("{year:04}-{month:02}-{day:02}T{hour:02}-{minute:02}-{second:02}-{protocol}")
+        let (day, time) = (day(secs), time(secs).replace(':', "-"));
+        format!("{day}T{time}-{:02}-{protocol}", secs % 60)
     }
 
     /// The head of the session in `dir`.
@@ -126,6 +125,20 @@ impl Header {
         text.push('\n');
         arrays::write_whole(&dir.join(FILE), text.as_bytes(), "write the session's header")
     }
+}
+
+/// `2026-11-22 10:15`: the date and time, in UTC, that many seconds after the beginning of 1970.
+pub fn date(secs: u64) -> String {
+    format!("{} {}", day(secs), time(secs))
+}
+
+fn day(secs: u64) -> String {
+    let (year, month, day) = civil(secs / 86_400);
+    format!("{year:04}-{month:02}-{day:02}")
+}
+
+fn time(secs: u64) -> String {
+    format!("{:02}:{:02}", secs / 3600 % 24, secs / 60 % 60)
 }
 
 /// Year, month and day of the Gregorian calendar, `days` after the first of January 1970.

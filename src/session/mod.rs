@@ -40,7 +40,7 @@ use crate::query::{
 pub use annotators::{AnnotatorReport, Annotators, share_dreams};
 pub use error::{Impossible, SessionError};
 pub use event::{Answer, Choice, DreamSource, Entry, Event, Fit, KeptDream};
-pub use header::{Config, FORMAT, Header};
+pub use header::{Config, FORMAT, Header, date};
 pub use journal::{DreamJournal, UnfinishedDream};
 pub use look::{Look, Looks};
 pub use merge::{hand_on, merge, relative};

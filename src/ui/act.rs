@@ -57,6 +57,10 @@ impl App {
             | Command::BringBack(_)
             | Command::TryWeights(_)
             | Command::Weigh(_) => self.act_on_review(&command),
+            Command::Watch(_)
+            | Command::AskToDelete(_)
+            | Command::DeleteEpisode
+            | Command::BringEpisodeBack => self.act_on_shelf(&command),
             Command::StartRecording
             | Command::PauseRecording
             | Command::KeepRecording
@@ -91,7 +95,8 @@ impl App {
         }
         self.hands.release();
         self.state.panel = panel;
-        if panel == Panel::Record {
+        if panel == Panel::Record && !self.state.shelf.is_changing() {
+            self.list_recordings();
             let dataset = self.state.field(Field::Dataset).into();
             self.crew.send(Order::Recorder(RecorderCommand::Look(dataset)));
         }
@@ -170,6 +175,10 @@ impl App {
             self.fail("the seed of a track is a whole number, such as 7".to_owned());
             return;
         };
+        if self.state.shelf.is_changing() {
+            return self.warn("one moment: the recordings are being put in order".to_owned());
+        }
+        self.close_shelf();
         let dataset = self.state.field(Field::Dataset).into();
         self.hands.release();
         (self.state.record.is_on, self.state.record.is_ending) = (true, false);

@@ -123,8 +123,9 @@ impl App {
             }
             Report::Recorded { episode, n_steps } => {
                 (self.state.record.is_on, self.state.record.is_ending) = (false, false);
-                self.state.record.kept.push((episode, n_steps));
+                self.state.record.n_kept += 1;
                 self.next_track(Field::RecordSeed);
+                self.list_recordings();
                 self.done(format!("episode {episode} is on disk: {n_steps} steps"));
             }
             Report::Unfinished(n) => self.offer_recordings(n),
@@ -137,6 +138,9 @@ impl App {
                 self.state.world.fitted = Some(path.clone());
                 let text = "the new world model is on disk".to_owned();
                 self.offer(text, vec![("Use it".to_owned(), Command::LoadWorld(path))]);
+            }
+            Report::Shelf(_) | Report::Opened(_) | Report::JudgedEpisode { .. } => {
+                self.hear_librarian(report);
             }
             Report::LeftOut(why) => self.warn(why),
             Report::Failed { worker, message } => self.worker_failed(worker, &message),
@@ -215,6 +219,7 @@ impl App {
             "dreamer" if has_died => (self.state.dream.is_on, self.state.dream.is_ending) = (false, false),
             "driver" if has_died => self.state.deploy.is_on = false,
             "trainer" => (self.state.reward.is_fitting, self.state.reward.is_relearning) = (false, false),
+            "librarian" => self.librarian_failed(),
             "recorder" => (self.state.record.is_on, self.state.record.is_ending) = (false, false),
             "modeler" => {
                 self.state.world.fit = None;
@@ -250,6 +255,7 @@ impl App {
             self.state.record.live = Some(view);
         }
         self.hear_review(ctx);
+        self.hear_shelf(ctx);
         self.hear_beside(ctx);
         if let Some(view) = self.slots.drive.take() {
             let deploy = &mut self.state.deploy;
@@ -331,7 +337,7 @@ impl App {
         {
             ctx.request_repaint_after(self.pace.max(Duration::from_secs_f64(0.5 / state.label.speed)));
         }
-        if state.review.is_playing {
+        if state.review.head.is_playing || state.shelf.head.is_playing {
             ctx.request_repaint_after(self.pace.max(Duration::from_millis(20)));
         }
         // Pads are read between two pictures, so there must be some; in software a picture costs too much for many.

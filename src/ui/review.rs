@@ -7,7 +7,6 @@ use std::sync::Arc;
 use eframe::egui::{Context, TextureHandle};
 
 use crate::dream::DreamEpisode;
-use crate::env::STEPS_PER_SEC;
 use crate::query::{DreamId, Weights};
 use crate::session::{Event, Session};
 use crate::ui::App;
@@ -15,6 +14,7 @@ use crate::ui::act::counted;
 use crate::ui::choosing::Weighing;
 use crate::ui::command::{Command, Panel};
 use crate::ui::crew::Order;
+use crate::ui::playhead::Playhead;
 use crate::ui::state::{Rewarding, State, World};
 use crate::ui::widgets::clip;
 use crate::worker::trainer::MIN_LABELS;
@@ -25,9 +25,8 @@ use crate::worker::{Job, Judgement, Report, ReviewView, ReviewerCommand, Trainer
 pub(crate) struct Reviewing {
     /// Which one.
     pub dream: Option<DreamId>,
-    /// Where in it, in steps.
-    pub playhead: f64,
-    pub is_playing: bool,
+    /// Where in it.
+    pub head: Playhead,
     /// What was seen and thought there.
     pub view: Option<ReviewView>,
     pub picture: Option<TextureHandle>,
@@ -49,8 +48,7 @@ impl Reviewing {
 
     /// The step that is looked at.
     pub(crate) fn step(&self) -> usize {
-        let last = self.episode().map_or(0, |episode| episode.len().saturating_sub(1));
-        (self.playhead as usize).min(last)
+        self.head.step(self.episode().map_or(0, DreamEpisode::len))
     }
 }
 
@@ -76,6 +74,11 @@ impl App {
     pub(super) fn act_on_review(&mut self, command: &Command) {
         match command {
             Command::Review(dream) => self.review(*dream),
+            Command::ReviewNext(_) | Command::Scrub(_) | Command::PlayReview
+                if self.state.panel == Panel::Record =>
+            {
+                self.move_in_episode(command);
+            }
             Command::ReviewNext(by) => {
                 let all = self.state.reviewable();
                 let here = all.iter().position(|id| Some(*id) == self.state.review.dream);
@@ -84,15 +87,10 @@ impl App {
                     self.review(Some(*id));
                 }
             }
-            Command::Scrub(step) => {
-                (self.state.review.playhead, self.state.review.is_playing) = (*step as f64, false);
-            }
+            Command::Scrub(step) => self.state.review.head.stand_at(*step),
             Command::PlayReview => {
-                let review = &mut self.state.review;
-                review.is_playing = !review.is_playing;
-                if review.episode().is_some_and(|episode| review.step() + 1 >= episode.len()) {
-                    review.playhead = 0.0;
-                }
+                let len = self.state.review.episode().map_or(0, DreamEpisode::len);
+                self.state.review.head.toggle(len);
             }
             Command::DeleteDream(dream) => self.delete_dream(*dream),
             Command::BringBack(dream) => self.bring_back(*dream),
@@ -104,7 +102,7 @@ impl App {
 
     fn review(&mut self, dream: Option<DreamId>) {
         let review = &mut self.state.review;
-        (review.dream, review.playhead, review.is_playing) = (dream, 0.0, false);
+        (review.dream, review.head) = (dream, Playhead::default());
         (review.view, review.judgement, review.asked, review.picture) = (None, None, None, None);
     }
 
@@ -154,7 +152,7 @@ impl App {
     /// Has the step on the screen drawn, and moves on while a dream plays.
     pub(super) fn show_review(&mut self, ctx: &Context) {
         if !self.state.is_reviewing() {
-            self.state.review.is_playing = false;
+            self.state.review.head.is_playing = false;
             return;
         }
         if self.state.review.dream.is_none() {
@@ -166,13 +164,7 @@ impl App {
         else {
             return;
         };
-        if review.is_playing {
-            let dt = f64::from(ctx.input(|input| input.stable_dt)).min(0.25);
-            review.playhead += dt * STEPS_PER_SEC as f64;
-            if review.playhead as usize + 1 >= episode.len() {
-                (review.playhead, review.is_playing) = (episode.len().saturating_sub(1) as f64, false);
-            }
-        }
+        review.head.pass(f64::from(ctx.input(|input| input.stable_dt)).min(0.25), episode.len());
         let wanted = Some((id, review.step()));
         if review.asked == wanted {
             return;
@@ -201,6 +193,7 @@ impl App {
 
     /// Tells the reviewer of a new reward, if there is one.
     pub(super) fn teach_reviewer(&mut self) {
+        self.state.shelf.forget_reward();
         if let Some(parameters) = self.state.reward.parameters.clone()
             && !self.state.review.known.is_empty()
         {
@@ -214,6 +207,7 @@ impl App {
         let is_of_the_session = |report: &Report| match report {
             Report::Clips { .. }
             | Report::Judged(_)
+            | Report::JudgedEpisode { .. }
             | Report::Learning(_)
             | Report::Learned { .. }
             | Report::Drove { .. } => true,
@@ -225,6 +219,7 @@ impl App {
         self.slots.review.take();
         self.slots.drive.take();
         self.state.review = Reviewing::default();
+        self.state.shelf.forget_reward();
     }
 
     /// Begins to read a world model; the window goes on meanwhile.

@@ -20,6 +20,7 @@ use crate::ui::keys::{Deed, Keys, Rebinding};
 use crate::ui::pace::{Budget, Pace};
 use crate::ui::pads::Pads;
 use crate::ui::review::Reviewing;
+use crate::ui::shelf::Shelving;
 use crate::ui::widgets::clip::Clip;
 use crate::worker::{DriveView, Learning, LiveView};
 use crate::world_model::LatentState;
@@ -92,6 +93,7 @@ pub(crate) struct State {
     pub toasts: Vec<Toast>,
     pub world: World,
     pub record: Recording,
+    pub shelf: Shelving,
     pub dream: Dreaming,
     pub label: Labeling,
     pub reward: Rewarding,
@@ -199,8 +201,8 @@ pub(crate) struct Recording {
     pub is_ending: bool,
     pub live: Option<LiveView>,
     pub picture: Option<TextureHandle>,
-    /// Episodes kept since the window opened: number and steps.
-    pub kept: Vec<(usize, usize)>,
+    /// How many episodes were kept since the window opened.
+    pub n_kept: usize,
     /// The dream beside.
     pub besides: Besides,
 }

@@ -144,6 +144,35 @@ pub enum RecorderCommand {
     Forget(PathBuf),
 }
 
+/// Lists, opens and deletes recorded episodes, which are named by what they were recorded as.
+#[derive(Debug)]
+pub enum LibrarianCommand {
+    /// Lists the episodes of a `LeRobot` folder.
+    List(PathBuf),
+    /// Opens one of them, and draws its first step.
+    Open {
+        /// The `LeRobot` folder.
+        dataset: PathBuf,
+        /// Which.
+        recording: String,
+    },
+    /// Draws this step of it.
+    Look(usize),
+    /// Judges by this world model and reward from now on, or no longer.
+    Judge(Option<(Parameters, Parameters)>),
+    /// Forgets the one that is open.
+    Close,
+    /// Deletes one, and lists the others.
+    Delete {
+        /// The `LeRobot` folder.
+        dataset: PathBuf,
+        /// Which.
+        recording: String,
+    },
+    /// Brings back the one that was deleted last, and lists all.
+    BringBack(PathBuf),
+}
+
 /// Trains a world model.
 #[derive(Debug)]
 pub enum ModelerCommand {

@@ -8,7 +8,7 @@ use crate::evaluation::EpisodeMetrics;
 use crate::query::{DreamId, Query, SegmentRef};
 use crate::session::DreamJournal;
 use crate::tensor::Parameters;
-use crate::worker::Judgement;
+use crate::worker::{Judgement, OpenEpisode, Shelf};
 use crate::world_model::fit::Progress;
 
 /// What a worker tells the window: one closed list, one inbox.
@@ -82,6 +82,17 @@ pub enum Report {
     },
     /// So many recordings were left behind by a killed program.
     Unfinished(usize),
+    /// What a folder of recordings holds.
+    Shelf(Shelf),
+    /// A recorded episode has been read.
+    Opened(OpenEpisode),
+    /// What the reward says of the recorded episode that is open.
+    JudgedEpisode {
+        /// Which.
+        recording: String,
+        /// The mean of the members, the lowest and the highest, step by step.
+        rewards: [Vec<f32>; 3],
+    },
     /// A recorded episode is left out of a fit; the sentence says why.
     LeftOut(String),
     /// A world model is being trained.

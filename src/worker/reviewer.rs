@@ -10,8 +10,9 @@ use rand_chacha::ChaCha8Rng;
 use crate::dream::{DreamEpisode, Rows};
 use crate::planner::{Plan, PlannerConfig, plan};
 use crate::query::DreamId;
-use crate::reward::{FrozenReward, RewardEnsemble, scaled_actions_tensor};
-use crate::tensor::{Parameters, from_slice, to_vec};
+use crate::reward::{FrozenReward, RewardEnsemble};
+use crate::tensor::Parameters;
+use crate::worker::appraisal::appraise;
 use crate::worker::gallery::in_words;
 use crate::worker::{
     Judgement, Latest, Promise, Report, Reports, ReviewView, ReviewerCommand, Worker, one_thread,
@@ -148,11 +149,7 @@ impl Reviewer<'_> {
         }
         let Some((episode, Some(features))) = self.dreams.get(&dream) else { return };
         let Some(judge) = &self.now else { return };
-        let rows = from_slice(&features.values, &[features.len() as i64, features.width as i64]);
-        let members = judge.ensemble.member_rewards(&rows, &scaled_actions_tensor(&episode.actions)); // [E, T]
-        let mean = members.mean_dim(0, false, tch::Kind::Float);
-        let (low, high) = (members.amin(0, false), members.amax(0, false));
-        let [rewards, low, high] = [mean, low, high].map(|row| to_vec(&row));
+        let [rewards, low, high] = appraise(&judge.ensemble, features, &episode.actions);
         self.reports.send(Report::Judged(Judgement { dream, rewards, low, high }));
         self.judged = Some(dream);
     }
@@ -163,7 +160,8 @@ mod tests {
     use std::sync::mpsc::channel;
 
     use super::*;
-    use crate::reward::{RewardConfig, RewardModel as _};
+    use crate::reward::{RewardConfig, RewardModel as _, scaled_actions_tensor};
+    use crate::tensor::{from_slice, to_vec};
     use crate::worker::toy;
 
     fn ensemble(seed: u64) -> RewardEnsemble {

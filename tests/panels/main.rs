@@ -12,6 +12,7 @@ mod journeys;
 mod keys;
 mod labeling;
 mod looks;
+mod shelf;
 
 use std::path::Path;
 use std::sync::{Arc, Mutex};
@@ -54,6 +55,13 @@ impl Backstage {
     /// The orders since the last time.
     fn orders(&self) -> Vec<Order> {
         std::mem::take(&mut *self.orders.lock().unwrap())
+    }
+
+    /// The same, but for looking into the folder of recordings.
+    fn orders_but_lists(&self) -> Vec<Order> {
+        let mut orders = self.orders();
+        orders.retain(|order| !matches!(order, Order::Librarian(_)));
+        orders
     }
 
     fn action(&self) -> Action {

@@ -15,6 +15,7 @@ mod record;
 mod review;
 mod reward;
 mod sessions;
+mod shelf;
 mod status;
 mod weights;
 mod world;

@@ -56,7 +56,7 @@ fn step(state: &State, panel: Panel) -> (Progress, String) {
     let waiting = |about: &str| (Progress::Waiting, about.to_owned());
     match panel {
         Panel::Record if state.record.is_on => (Progress::Running, "recording".to_owned()),
-        Panel::Record => match state.record.kept.len() {
+        Panel::Record => match state.n_recorded() {
             0 => (Progress::Ready, "if you like".to_owned()),
             n => (Progress::Done, counted(n, "episode")),
         },
