@@ -57,6 +57,7 @@ impl App {
             | Command::BringBack(_)
             | Command::TryWeights(_)
             | Command::Weigh(_) => self.act_on_review(&command),
+            Command::Foretell(query) => self.foretell(query),
             Command::Watch(_)
             | Command::AskToDelete(_)
             | Command::DeleteEpisode

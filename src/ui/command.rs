@@ -215,6 +215,8 @@ pub enum Command {
     PutOffBreak,
     /// Has thumbnails drawn of these queries.
     Glance(Vec<QueryId>),
+    /// Has the reward say what it thinks of the clips of an answered query.
+    Foretell(QueryId),
     /// Begins the clips anew.
     RestartClips,
     /// Stops the clips, or lets them go on.

@@ -111,6 +111,7 @@ impl App {
                 self.forget_far_pairs();
             }
             Report::Glance { query, frames } => self.glanced(ctx, query, &frames),
+            Report::Foretold { query, clips } => self.foretold(query, clips),
             Report::Signs { dream, seed, signs } => self.signs_found(dream, seed, &signs),
             Report::Weighed { pairs, disagreements } => self.weighed(pairs, disagreements.as_deref()),
             Report::Judged(judgement) => self.state.review.judgement = Some(judgement),
@@ -301,6 +302,9 @@ impl App {
             (label.loops, label.is_standing) = (0, false);
             label.pace.begin(now);
             self.state.label.playhead = self.state.span().start;
+        }
+        if let Some(query) = self.state.reconsidered() {
+            self.foretell(query);
         }
         let span = self.state.span();
         let label = &mut self.state.label;

@@ -10,6 +10,7 @@ mod choosing;
 mod command;
 mod crew;
 mod dialog;
+mod foretelling;
 mod hear;
 mod input;
 mod keys;

@@ -14,6 +14,7 @@ use crate::ui::act::counted;
 use crate::ui::choosing::Weighing;
 use crate::ui::command::{Command, Panel};
 use crate::ui::crew::Order;
+use crate::ui::foretelling::Foretelling;
 use crate::ui::playhead::Playhead;
 use crate::ui::state::{Rewarding, State, World};
 use crate::ui::widgets::clip;
@@ -170,16 +171,23 @@ impl App {
             return;
         }
         review.asked = wanted;
-        if review.known.is_empty()
+        self.show_to_reviewer(id);
+        let step = self.state.review.step();
+        self.crew.send(Order::Reviewer(ReviewerCommand::Look { dream: id, step }));
+    }
+
+    /// Makes the reviewer know a dream, and the reward.
+    pub(super) fn show_to_reviewer(&mut self, dream: DreamId) {
+        if self.state.review.known.is_empty()
             && let Some(parameters) = self.state.reward.parameters.clone()
         {
             self.crew.send(Order::Reviewer(ReviewerCommand::Reward(parameters)));
         }
-        if self.state.review.known.insert(id) {
-            self.crew.send(Order::Reviewer(ReviewerCommand::AddDream(id, episode)));
+        if let Some(episode) = self.state.review.episodes.get(&dream).cloned()
+            && self.state.review.known.insert(dream)
+        {
+            self.crew.send(Order::Reviewer(ReviewerCommand::AddDream(dream, episode)));
         }
-        let step = self.state.review.step();
-        self.crew.send(Order::Reviewer(ReviewerCommand::Look { dream: id, step }));
     }
 
     /// Takes in what the reviewer has drawn.
@@ -194,6 +202,7 @@ impl App {
     /// Tells the reviewer of a new reward, if there is one.
     pub(super) fn teach_reviewer(&mut self) {
         self.state.shelf.forget_reward();
+        self.state.label.foretelling = Foretelling::default();
         if let Some(parameters) = self.state.reward.parameters.clone()
             && !self.state.review.known.is_empty()
         {
@@ -208,6 +217,7 @@ impl App {
             Report::Clips { .. }
             | Report::Judged(_)
             | Report::JudgedEpisode { .. }
+            | Report::Foretold { .. }
             | Report::Learning(_)
             | Report::Learned { .. }
             | Report::Drove { .. } => true,

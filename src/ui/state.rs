@@ -16,6 +16,7 @@ use crate::tensor::Parameters;
 use crate::ui::beside::Besides;
 use crate::ui::choosing::{Asking, Weighing, is_held_back};
 use crate::ui::command::{Command, Field, Panel};
+use crate::ui::foretelling::Foretelling;
 use crate::ui::keys::{Deed, Keys, Rebinding};
 use crate::ui::pace::{Budget, Pace};
 use crate::ui::pads::Pads;
@@ -282,6 +283,8 @@ pub(crate) struct Labeling {
     pub annotators: Option<Annotators>,
     /// What is known of bad dreams.
     pub screen: Screen,
+    /// What the reward says of clips that were answered.
+    pub foretelling: Foretelling,
 }
 
 /// Frames a second at which clips are played at first: as they were driven.
@@ -319,6 +322,7 @@ impl Default for Labeling {
             weighing: Weighing::default(),
             annotators: None,
             screen: Screen::default(),
+            foretelling: Foretelling::default(),
         }
     }
 }

@@ -110,6 +110,8 @@ pub enum ReviewerCommand {
         /// Which step.
         step: usize,
     },
+    /// Says what the present reward thinks of both clips of a query.
+    Foretell(Query),
 }
 
 /// Lets a person drive the real car and records it; an episode that the environment ends is kept.

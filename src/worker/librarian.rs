@@ -11,9 +11,8 @@ use std::time::Duration;
 
 use crate::dataset::{Dataset, DatasetError, Episode};
 use crate::dream::Rows;
-use crate::reward::RewardEnsemble;
 use crate::tensor::{Parameters, to_vec};
-use crate::worker::appraisal::appraise;
+use crate::worker::appraisal::Jury;
 use crate::worker::{
     EpisodeView, Latest, LibrarianCommand, OpenEpisode, Report, Reports, Shelf, Worker, one_thread,
 };
@@ -77,7 +76,7 @@ pub fn keep(commands: &Receiver<LibrarianCommand>, reports: &Reports, view: &Lat
 struct Librarian<'a> {
     reports: &'a Reports,
     view: &'a Latest<EpisodeView>,
-    judge: Option<(WorldModel, RewardEnsemble)>,
+    judge: Option<(WorldModel, Jury)>,
     open: Option<Open>,
 }
 
@@ -185,9 +184,8 @@ impl Librarian<'_> {
             Some(known) => known,
             None => WorldModel::load(model).map_err(|e| e.to_string())?,
         };
-        let ensemble = RewardEnsemble::load(reward).map_err(|e| e.to_string())?;
-        ensemble.require(&model.hash()).map_err(|e| e.to_string())?;
-        self.judge = Some((model, ensemble));
+        let jury = Jury::load(reward, &model.hash()).map_err(|e| e.to_string())?;
+        self.judge = Some((model, jury));
         if let Some(open) = &mut self.open {
             open.is_judged = false;
         }
@@ -196,7 +194,7 @@ impl Librarian<'_> {
 
     /// Goes on judging the open episode, and says whether there is more to do.
     fn judge_on(&mut self) -> bool {
-        let (Some((model, ensemble)), Some(open)) = (&self.judge, &mut self.open) else { return false };
+        let (Some((model, jury)), Some(open)) = (&self.judge, &mut self.open) else { return false };
         let Open { episode, features, memory, .. } = open;
         // A model of another world has nothing to say.
         let is_seen = episode.info.env == model.config().env
@@ -208,7 +206,7 @@ impl Librarian<'_> {
         let (from, n) = (features.len(), episode.actions.len());
         let steps = from..n.min(from + CHUNK);
         if steps.is_empty() {
-            let rewards = appraise(ensemble, features, &episode.actions);
+            let rewards = jury.appraise(&features.values, &episode.actions);
             self.reports.send(Report::JudgedEpisode { recording: open.recording.clone(), rewards });
             open.is_judged = true;
             return false;
@@ -269,7 +267,7 @@ mod tests {
     use super::*;
     use crate::dataset::{EpisodeInfo, StepRecord, Summary};
     use crate::env::{Action, Frame};
-    use crate::reward::RewardConfig;
+    use crate::reward::{RewardConfig, RewardEnsemble};
     use crate::worker::toy;
 
     /// A dataset of episodes of so many steps, made by the toy world of the tests.
@@ -355,7 +353,7 @@ mod tests {
             features.push(&to_vec(&state.features()));
             memory = model.remember(&state, &actions_tensor(&[*action]));
         }
-        let by_hand = appraise(&ensemble, &features, &episode.actions);
+        let by_hand = Jury::Preferences(ensemble).appraise(&features.values, &episode.actions);
         let gap = |a: &[f32], b: &[f32]| a.iter().zip(b).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
         assert_eq!(mean.len(), 50);
         for (said, expected) in [mean, low, high].iter().zip(&by_hand) {

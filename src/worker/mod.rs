@@ -40,8 +40,8 @@ pub use command::{
 };
 pub use report::{Learning, Report};
 pub use view::{
-    Beside, BesideView, CandidateView, DriveView, EpisodeView, Judgement, LiveView, OpenEpisode, Promise,
-    ReviewView, Shelf,
+    Beside, BesideView, CandidateView, ClipRewards, DriveView, EpisodeView, Judgement, LiveView, OpenEpisode,
+    Promise, ReviewView, Shelf,
 };
 
 /// A slot that holds only the latest value: a slow reader misses some and never delays the writer.

@@ -8,7 +8,7 @@ use crate::evaluation::EpisodeMetrics;
 use crate::query::{DreamId, Query, SegmentRef};
 use crate::session::DreamJournal;
 use crate::tensor::Parameters;
-use crate::worker::{Judgement, OpenEpisode, Shelf};
+use crate::worker::{ClipRewards, Judgement, OpenEpisode, Shelf};
 use crate::world_model::fit::Progress;
 
 /// What a worker tells the window: one closed list, one inbox.
@@ -52,6 +52,13 @@ pub enum Report {
         pairs: Vec<[SegmentRef; 2]>,
         /// How much the members disagree about each; nothing where nothing was learned yet.
         disagreements: Option<Vec<f32>>,
+    },
+    /// What the reward says of the clips of a query.
+    Foretold {
+        /// Which.
+        query: Query,
+        /// Of the left one, and of the right one.
+        clips: [ClipRewards; 2],
     },
     /// What the reward says of a dream.
     Judged(Judgement),

@@ -97,6 +97,22 @@ pub struct Judgement {
     pub high: Vec<f32>,
 }
 
+/// What the reward says of every step of a clip.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ClipRewards {
+    /// The reward, step by step.
+    pub rewards: Vec<f32>,
+    /// What each member says alone.
+    pub members: Vec<Vec<f32>>,
+}
+
+impl ClipRewards {
+    /// What the clip is worth as a whole: the sum over its steps, by which clips are compared.
+    pub fn sum(&self) -> f32 {
+        self.rewards.iter().sum()
+    }
+}
+
 /// What a folder of recordings holds.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Shelf {

@@ -8,6 +8,7 @@
 
 mod asking;
 mod cockpit;
+mod foretold;
 mod journeys;
 mod keys;
 mod labeling;

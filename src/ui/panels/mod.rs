@@ -6,6 +6,7 @@ mod asking;
 mod beside;
 mod deploy;
 mod dream;
+mod foretold;
 mod help;
 mod label;
 mod progress;
