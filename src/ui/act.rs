@@ -215,6 +215,9 @@ impl App {
     }
 
     fn start_dream(&mut self, seed: u64) {
+        if self.state.is_opening() {
+            return self.warn("one moment: the session is being opened".to_owned());
+        }
         if self.state.store.is_none() {
             self.new_session(Protocol::of_env(&self.state.env));
         }

@@ -348,6 +348,9 @@ impl App {
         if !state.pads.is_empty() {
             ctx.request_repaint_after(6 * self.pace);
         }
+        if state.is_opening() {
+            ctx.request_repaint_after(self.pace.max(Duration::from_millis(100)));
+        }
         let until = state.toasts.iter().filter_map(|toast| toast.until).reduce(f64::min);
         if let Some(until) = until {
             ctx.request_repaint_after(Duration::from_secs_f64((until - state.now).max(0.05)));

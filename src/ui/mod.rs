@@ -14,6 +14,7 @@ mod foretelling;
 mod hear;
 mod input;
 mod keys;
+mod opening;
 mod pace;
 mod pads;
 mod panels;
@@ -38,7 +39,7 @@ use eframe::egui::{self, Context, ViewportBuilder};
 use eframe::{CreationContext, wgpu};
 
 use crate::query::QueryId;
-use crate::session::SessionStore;
+use crate::session::{OpenedSession, SessionStore};
 use crate::tensor::Parameters;
 use crate::worker::{Job, Report, Reports};
 
@@ -52,6 +53,7 @@ pub use state::{DreamStart, LoadedWorld};
 
 use dialog::Dialog;
 use input::Hands;
+use opening::{Opening, Reading};
 use preferences::Preferences;
 use state::{State, World};
 
@@ -100,13 +102,19 @@ pub struct App {
     load: Load,
     /// A world model that is being read.
     loading: Option<Job<Result<LoadedWorld, String>>>,
-    /// The session to go on with once it is there.
-    waiting: Option<SessionStore>,
+    /// A session that is being read.
+    opening: Option<Opening>,
+    /// The reading of one that nobody wants any more, until it has ended.
+    abandoned: Option<Reading>,
+    /// The session to go on with once the world model is there, and where to.
+    waiting: Option<(OpenedSession, Option<Panel>)>,
     /// Reports that were not yet heard when others were thrown away.
     unheard: Vec<Report>,
     sessions: PathBuf,
     dialog: Option<Dialog>,
     next_toast: u64,
+    /// Draws the window again when something is done.
+    waker: Context,
     /// The least time between two pictures of the window.
     pace: Duration,
 }
@@ -166,7 +174,10 @@ impl App {
             hands: Hands::default(),
             load: startup.load,
             loading: None,
+            opening: None,
+            abandoned: None,
             waiting: None,
+            waker: ctx.clone(),
             unheard: Vec::new(),
             sessions: startup.sessions,
             dialog: None,
@@ -186,11 +197,11 @@ impl App {
         fields.insert(Field::RecordSeed, "1".to_owned());
         fields.insert(Field::DeploySeed, "1".to_owned());
         fields.insert(Field::Session, self.sessions.display().to_string());
+        if let Some(store) = session {
+            self.read_session(store);
+        }
         match world {
-            FirstWorld::In(path) => {
-                self.waiting = session;
-                return self.load_world(ctx, path);
-            }
+            FirstWorld::In(path) => self.load_world(ctx, path),
             FirstWorld::Here(Ok(world)) => {
                 self.state.world = World::of(ctx, world, &mut self.state.dream);
             }
@@ -198,18 +209,6 @@ impl App {
                 self.state.panel = Panel::World;
                 self.fail(sentence);
             }
-        }
-        if let Some(store) = session {
-            self.go_on_with(store);
-        }
-    }
-
-    /// Goes on with a session, if it is one of this world model.
-    fn go_on_with(&mut self, store: SessionStore) {
-        if self.state.world.is_of(store.header()) {
-            self.adopt(store);
-        } else {
-            self.fail("this session was dreamed with another world model: load that one first".to_owned());
         }
     }
 
@@ -258,6 +257,7 @@ impl eframe::App for App {
         self.hear_reports(ctx);
         self.hear_slots(ctx);
         self.hear_dialog();
+        self.hear_opener();
         self.hear_loader(ctx);
         self.show_clips(ctx);
         self.show_review(ctx);

@@ -263,8 +263,8 @@ impl App {
         let world = match loaded {
             Ok(world) => world,
             Err(sentence) => {
-                if let Some(store) = self.waiting.take() {
-                    self.go_on_with(store);
+                if let Some((opened, goes_to)) = self.waiting.take() {
+                    self.go_on_with(opened, goes_to);
                 }
                 if is_first {
                     self.state.panel = Panel::World;
@@ -280,8 +280,8 @@ impl App {
         self.state.world = World { fit, ..World::of(ctx, world, &mut self.state.dream) };
         (self.state.label, self.state.reward) = (self.state.label.anew(), Rewarding::default());
         self.state.unfinished.clear();
-        if let Some(store) = self.waiting.take() {
-            return self.go_on_with(store);
+        if let Some((opened, goes_to)) = self.waiting.take() {
+            return self.go_on_with(opened, goes_to);
         }
         // A session belongs to the model that it was dreamed with.
         if self.state.store.take().is_some() {

@@ -18,6 +18,7 @@ use crate::ui::choosing::{Asking, Weighing, is_held_back};
 use crate::ui::command::{Command, Field, Panel};
 use crate::ui::foretelling::Foretelling;
 use crate::ui::keys::{Deed, Keys, Rebinding};
+use crate::ui::opening::BeingOpened;
 use crate::ui::pace::{Budget, Pace};
 use crate::ui::pads::Pads;
 use crate::ui::review::Reviewing;
@@ -66,6 +67,8 @@ pub(crate) struct State {
     pub fields: BTreeMap<Field, String>,
     /// The session, once there is one.
     pub store: Option<SessionStore>,
+    /// The session that is being opened.
+    pub opening: Option<BeingOpened>,
     /// Sessions that can be opened.
     pub recent: Vec<RecentSession>,
     /// Dreams that a killed program left behind.

@@ -250,6 +250,13 @@ impl<T: Send + 'static> Job<T> {
     pub fn is_over(&self) -> bool {
         self.thread.as_ref().is_none_or(JoinHandle::is_finished)
     }
+
+    /// Waits until its thread has ended, and throws away what came of it.
+    pub fn wait(mut self) {
+        if let Some(thread) = self.thread.take() {
+            thread.join().ok();
+        }
+    }
 }
 
 fn panic_message(panic: &(dyn Any + Send)) -> String {

@@ -13,6 +13,7 @@ mod journeys;
 mod keys;
 mod labeling;
 mod looks;
+mod opening;
 mod shelf;
 
 use std::path::Path;
@@ -171,6 +172,7 @@ fn window_at(
     scale: f32,
 ) -> (Harness<'static, App>, Backstage) {
     let backstage = Backstage::default();
+    let has_session = session.is_some();
     let startup = startup(dir, session, &backstage);
     let builder = Harness::builder().with_size(size).with_step_dt(0.04).with_pixels_per_point(scale);
     let builder = if picture { builder.with_render_cursor(false).wgpu() } else { builder };
@@ -179,7 +181,21 @@ fn window_at(
         App::new(cc, startup)
     });
     harness.run_steps(2);
+    if has_session {
+        wait_for(&mut harness, |harness| harness.state().session().is_some());
+        harness.run_steps(1);
+    }
     (harness, backstage)
+}
+
+/// Draws until something has come that a thread is working on.
+fn wait_for(harness: &mut Harness<'_, App>, is_there: impl Fn(&Harness<'_, App>) -> bool) {
+    let since = std::time::Instant::now();
+    while !is_there(harness) {
+        assert!(since.elapsed().as_secs() < 30, "it never came");
+        std::thread::sleep(std::time::Duration::from_millis(1));
+        harness.step();
+    }
 }
 
 /// What a window in a test begins with.

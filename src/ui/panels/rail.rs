@@ -191,8 +191,9 @@ fn session_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
     let is_hot = response.hovered() || response.has_focus();
     let fill = if is_hot { tokens.hovered } else { tokens.here };
     ui.painter().rect_filled(rect, CornerRadius::same(8), fill);
-    let (name, about) = match &state.store {
-        Some(store) => {
+    let (name, about) = match (&state.opening, &state.store) {
+        (Some(opening), _) => (short_name(&opening.name()), format!("opening: {}", opening.progress())),
+        (None, Some(store)) => {
             let name = store.dir().file_name().map(|name| name.to_string_lossy().into_owned());
             (short_name(&name.unwrap_or_default()), format!("{} session", state.protocol().name()))
         }

@@ -25,7 +25,7 @@ pub(crate) fn foretold_ui(
         ui.vertical(|ui| {
             let (rect, response) = ui.allocate_exact_size(vec2(size.x, size.y - WORDS), Sense::hover());
             let words = in_words(clip);
-            response.widget_info(|| WidgetInfo::labeled(Role::Image, true, format!("{name}: {words}")));
+            response.widget_info(|| WidgetInfo::labeled(Role::Image, true, format!("{name}: the {words}")));
             let stroke = Stroke::new(1.0, tokens.border);
             ui.painter().rect(rect, SMALL_CORNER, tokens.stage, stroke, StrokeKind::Inside);
             let inner = rect.shrink(4.0);
@@ -48,7 +48,7 @@ pub(crate) fn foretold_ui(
                 "What the reward says now of every step: a light line for each member of the ensemble, and their \
                  mean. Shown only where the query is answered already.",
             );
-            ui.label(tokens::small(ui, words));
+            ui.label(tokens::small(ui, format!("The {words}")));
         });
     });
 }
@@ -61,7 +61,7 @@ pub(crate) fn most(clips: &[ClipRewards; 2]) -> f32 {
 
 /// What the clip is worth as a whole.
 pub(crate) fn in_words(clip: &ClipRewards) -> String {
-    format!("the reward gives it {:+.1} over {} steps", clip.sum(), clip.rewards.len())
+    format!("reward gives it {:+.1} over {} steps", clip.sum(), clip.rewards.len())
 }
 
 fn x(inner: Rect, t: usize, n: usize) -> f32 {
