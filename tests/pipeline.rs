@@ -83,9 +83,12 @@ fn a_resumed_fit_learns_anew_what_rests_on_another_vision_and_refuses_other_reco
     assert_eq!(stages, [Stage::Vae, Stage::MdnRnn], "memory has to learn the new latents");
 
     drop(dataset);
-    let more = recorded(folder.path(), 3..4, rng);
+    let mut more = recorded(folder.path(), 3..4, rng);
     let error = epochs(&more, &brief, true).unwrap_err().to_string();
     assert!(error.contains("began with 3 episodes") && error.contains("4 episodes"), "{error}");
+    more.delete(0).unwrap();
+    let error = epochs(&more, &brief, true).unwrap_err().to_string();
+    assert!(error.contains("now it would be 3 episodes"), "as many, but others: {error}");
 }
 
 #[test]

@@ -78,6 +78,18 @@ pub enum DatasetError {
         /// Its journal.
         path: PathBuf,
     },
+    /// Another program deleted episodes while this one read them.
+    #[error("episodes were deleted while these were being read: begin again, with the dataset at {path:?}")]
+    Moved {
+        /// The dataset.
+        path: PathBuf,
+    },
+    /// No deleted episode can be brought back.
+    #[error("no deleted episode is left to be brought back, at {path:?}")]
+    NothingDeleted {
+        /// The dataset.
+        path: PathBuf,
+    },
     /// Sealing failed; nothing is lost.
     #[error("could not seal the episode, which stays in its journal {path:?}: {met}")]
     NotSealed {

@@ -3,27 +3,32 @@
 use std::fs::{self, File};
 use std::path::{Path, PathBuf};
 
+use sha2::{Digest as _, Sha256};
+
 use super::journal::{self, Recording, Take};
-use super::sealed::{self, Notes, Sealed};
+use super::sealed::{self, Notes, Sealed, to_hex};
 use super::{DatasetError, Episode, EpisodeInfo, Unfinished, disk, meta};
 use crate::env::Frame;
 
 /// A folder of episodes in one environment.
 pub struct Dataset {
-    dir: PathBuf,
-    episodes: Vec<Notes>,
+    pub(super) dir: PathBuf,
+    pub(super) episodes: Vec<Notes>,
     damaged: Vec<DatasetError>,
+    /// The places of damaged episode files, in order.
+    pub(super) damaged_numbers: Vec<usize>,
     unfinished: Vec<Unfinished>,
-    next_number: usize,
+    pub(super) next_number: usize,
     env: Option<String>,
     /// Held, and locked, while the dataset is open for recording.
-    lock: Option<File>,
+    pub(super) lock: Option<File>,
 }
 
 impl Dataset {
     /// Opens a dataset for recording in the environment `env`; makes it where there is none.
     ///
-    /// This is also the moment of repair: half-written files go, and `meta` is made to agree with the episodes.
+    /// This is also the moment of repair: half-written files go, a deletion that was begun is finished, and `meta` is made
+    /// to agree with the episodes.
     /// Journals left by a killed program are listed in [`unfinished`](Self::unfinished).
     pub fn create_or_open(dir: &Path, env: &str) -> Result<Self, DatasetError> {
         let journals = dir.join("journal");
@@ -45,14 +50,23 @@ impl Dataset {
         for folder in ["data", "meta", "journal"] {
             disk::remove_partials(&dir.join(folder))?;
         }
+        dataset.forget_twins()?;
+        dataset.repair()?;
         meta::write(dir, &dataset.episodes)?;
         dataset.find_unfinished(&journals)?;
         Ok(dataset)
     }
 
+    /// Opens a dataset for reading, even where there is nothing; changes nothing on disk.
+    pub fn look(dir: &Path) -> Result<Self, DatasetError> {
+        let mut dataset = Self::scan(dir)?;
+        dataset.forget_twins()?;
+        Ok(dataset)
+    }
+
     /// Opens a dataset for reading; changes nothing on disk.
     pub fn open(dir: &Path) -> Result<Self, DatasetError> {
-        let dataset = Self::scan(dir)?;
+        let dataset = Self::look(dir)?;
         if dataset.episodes.is_empty() && dataset.damaged.is_empty() {
             return Err(DatasetError::Missing { path: dir.to_path_buf() });
         }
@@ -62,6 +76,7 @@ impl Dataset {
     /// Reads the footers of all episodes.
     fn scan(dir: &Path) -> Result<Self, DatasetError> {
         let (mut episodes, mut damaged, mut next_number) = (Vec::<Notes>::new(), Vec::new(), 0);
+        let mut damaged_numbers = Vec::new();
         for (number, path) in disk::episode_files(dir)? {
             next_number = number + 1;
             match Sealed::open(path, number) {
@@ -69,12 +84,14 @@ impl Dataset {
                 Err(error) => {
                     log::warn!("{error}");
                     damaged.push(error);
+                    damaged_numbers.push(number);
                 }
             }
         }
         let env = episodes.first().map(|first| first.info.env.clone());
         let dir = dir.to_path_buf();
-        Ok(Self { dir, episodes, damaged, unfinished: Vec::new(), next_number, env, lock: None })
+        let unfinished = Vec::new();
+        Ok(Self { dir, episodes, damaged, damaged_numbers, unfinished, next_number, env, lock: None })
     }
 
     /// Where it is.
@@ -117,6 +134,13 @@ impl Dataset {
         self.next_number
     }
 
+    /// What tells these episodes, in this order, from any others.
+    pub fn fingerprint(&self) -> String {
+        let mut hasher = Sha256::new();
+        self.episodes.iter().for_each(|notes| hasher.update(format!("{}\n", notes.recording)));
+        to_hex(&hasher.finalize())
+    }
+
     /// Pixels a side of all frames, once there are any.
     pub fn side(&self) -> Option<u32> {
         self.episodes.first().map(|first| first.side)
@@ -129,8 +153,12 @@ impl Dataset {
 
     /// Reads the episode at `idx`, in the order of their numbers.
     pub fn episode(&self, idx: usize) -> Result<Episode, DatasetError> {
-        let number = self.episodes[idx].number;
-        Sealed::open(disk::episode_path(&self.dir, number), number)?.read()
+        let Notes { number, recording, .. } = &self.episodes[idx];
+        let sealed = Sealed::open(disk::episode_path(&self.dir, *number), *number)?;
+        if sealed.notes.recording != *recording {
+            return Err(DatasetError::Moved { path: self.dir.clone() });
+        }
+        sealed.read()
     }
 
     /// Reads the episodes one after the other; only one at a time is in memory.

@@ -6,6 +6,7 @@
 //! data/chunk-000/file-000.parquet   one sealed file per episode: chunk = number / 1000, file = number % 1000
 //! meta/                             info.json, stats.json, tasks.parquet, episodes/chunk-000/file-000.parquet
 //! journal/                          episodes that are being driven, or were when the program was killed
+//! deleted/                          the episode that was deleted last, which can be brought back
 //! ```
 //!
 //! A row of `data` is a step: `observation.image` (a PNG, the frame *before* the action), `action` (steer, gas and
@@ -24,6 +25,7 @@ mod journal;
 mod meta;
 mod png;
 mod sealed;
+mod shelf;
 mod stats;
 mod table;
 #[cfg(test)]
@@ -37,6 +39,7 @@ use serde::{Deserialize, Serialize};
 pub use error::DatasetError;
 pub use folder::Dataset;
 pub use journal::Recording;
+pub use shelf::Summary;
 
 use crate::env::{Action, Contacts, Frame};
 

@@ -10,7 +10,7 @@ use std::path::{Path, PathBuf};
 use parquet::data_type::{BoolType, ByteArray, ByteArrayType, FloatType, Int64Type};
 use serde::{Deserialize, Serialize};
 
-use super::journal::{Row, Take};
+use super::journal::{Row, Take, TakeEnd};
 use super::stats::Stats;
 use super::table::{Column, Table, to_parquet};
 use super::{DatasetError, Episode, EpisodeInfo, disk, png};
@@ -72,6 +72,30 @@ pub(super) fn write(
     number: usize,
     first_index: usize,
 ) -> Result<Notes, DatasetError> {
+    write_as(dir, take, number, first_index, env!("CARGO_PKG_VERSION").into())
+}
+
+/// Writes episode `old`, which is in the file `path`, as episode `number` of the dataset at `dir`; `path` stays.
+pub(super) fn move_to(
+    dir: &Path,
+    path: PathBuf,
+    old: usize,
+    number: usize,
+    first_index: usize,
+) -> Result<Notes, DatasetError> {
+    let sealed = Sealed::open(path, old)?;
+    let take = sealed.take().map_err(|reason| DatasetError::damaged(reason, &sealed.path))?;
+    write_as(dir, &take, number, first_index, sealed.notes.app)
+}
+
+/// Seals a take that the version `app` recorded.
+fn write_as(
+    dir: &Path,
+    take: &Take,
+    number: usize,
+    first_index: usize,
+    app: String,
+) -> Result<Notes, DatasetError> {
     let path = disk::episode_path(dir, number);
     let damaged = |reason: String| DatasetError::damaged(reason, &path);
     let n_steps = take.rows.len();
@@ -79,7 +103,7 @@ pub(super) fn write(
     let mut columns = columns(take, number, first_index);
     let notes = Notes {
         format: FORMAT,
-        app: env!("CARGO_PKG_VERSION").into(),
+        app,
         info: take.info.clone(),
         recording: take.id.clone(),
         number,
@@ -174,6 +198,16 @@ pub(super) struct Sealed {
 impl Sealed {
     /// Opens the file of episode `number`.
     pub(super) fn open(path: PathBuf, number: usize) -> Result<Self, DatasetError> {
+        let sealed = Self::open_anywhere(path)?;
+        if sealed.notes.number != number {
+            let reason = format!("it says it is episode {}", sealed.notes.number);
+            return Err(DatasetError::damaged(reason, &sealed.path));
+        }
+        Ok(sealed)
+    }
+
+    /// Opens the file of an episode, whatever its number.
+    pub(super) fn open_anywhere(path: PathBuf) -> Result<Self, DatasetError> {
         let file = File::open(&path).map_err(DatasetError::disk("open the episode", &path))?;
         let table = Table::new(file).map_err(|error| DatasetError::damaged(error.to_string(), &path))?;
         let notes = table.note(NOTES).ok_or_else(|| DatasetError::damaged("not recorded by dropj", &path))?;
@@ -183,8 +217,8 @@ impl Sealed {
             let reason = format!("its format is {}, not {FORMAT}", notes.format);
             return Err(DatasetError::damaged(reason, &path));
         }
-        if notes.number != number || notes.n_steps != table.n_rows() || notes.n_steps == 0 {
-            let reason = format!("it says it is episode {} of {} steps", notes.number, notes.n_steps);
+        if notes.n_steps != table.n_rows() || notes.n_steps == 0 {
+            let reason = format!("it says it has {} steps", notes.n_steps);
             return Err(DatasetError::damaged(reason, &path));
         }
         Ok(Self { table, path, notes })
@@ -196,6 +230,29 @@ impl Sealed {
     }
 
     fn read_columns(&self) -> Result<Episode, String> {
+        let Take { rows, end, .. } = self.take()?;
+        let pngs = rows.iter().map(|row| &row.png).chain(end.iter().map(|end| &end.png));
+        let frames = pngs.map(|png| png::decode(png)).collect::<Result<Vec<Frame>, _>>()?;
+        if let Some(frame) = frames.iter().find(|frame| frame.side() != self.notes.side) {
+            return Err(format!("a frame has {} pixels a side, not {}", frame.side(), self.notes.side));
+        }
+        let Notes { number, info, done, planned, .. } = self.notes.clone();
+        Ok(Episode {
+            number,
+            info,
+            frames,
+            actions: rows.iter().map(|row| row.action).collect(),
+            rewards: rows.iter().map(|row| row.reward).collect(),
+            grass: rows.iter().map(|row| row.grass).collect(),
+            contacts: rows.iter().filter_map(|row| row.contacts).collect(),
+            wall_times_ns: rows.iter().map(|row| row.wall_time_ns).collect(),
+            done,
+            planned: planned.into_iter().map(|[from, to]| from..to).collect(),
+        })
+    }
+
+    /// Reads all of it, its frames as they are stored.
+    fn take(&self) -> Result<Take, String> {
         let met = |error: parquet::errors::ParquetError| error.to_string();
         let n = self.notes.n_steps;
         // A decoder that trusts its input must not see a damaged page.
@@ -212,22 +269,25 @@ impl Sealed {
         if lens != [n; 5] {
             return Err(format!("{n} steps have columns of {lens:?}"));
         }
-        let actions: Vec<Action> = actions
-            .as_chunks()
-            .0
-            .iter()
-            .map(|&[steer, gas, brake]: &[f32; Action::LEN]| Action { steer, gas, brake })
-            .collect();
-        let mut frames = pngs.iter().map(|png| png::decode(png.data())).collect::<Result<Vec<Frame>, _>>()?;
-        if let Some(hex) = self.table.note(LAST_FRAME) {
-            frames.push(png::decode(&from_hex(hex).ok_or("its last frame is not hexadecimal")?)?);
-        }
-        if let Some(frame) = frames.iter().find(|frame| frame.side() != self.notes.side) {
-            return Err(format!("a frame has {} pixels a side, not {}", frame.side(), self.notes.side));
-        }
-        let Notes { number, info, done, planned, .. } = self.notes.clone();
-        let planned = planned.into_iter().map(|[from, to]| from..to).collect();
-        Ok(Episode { number, info, frames, actions, rewards, grass, contacts, wall_times_ns, done, planned })
+        let (actions, _): (&[[f32; Action::LEN]], _) = actions.as_chunks();
+        let is_planned = |t: usize| self.notes.planned.iter().any(|&[from, to]| (from..to).contains(&t));
+        let rows = pngs.into_iter().enumerate().map(|(t, png)| {
+            let [steer, gas, brake] = actions[t];
+            Row {
+                png: png.data().to_vec(),
+                action: Action { steer, gas, brake },
+                reward: rewards[t],
+                grass: grass[t],
+                contacts: contacts.get(t).copied(),
+                wall_time_ns: wall_times_ns[t],
+                planned: is_planned(t),
+            }
+        });
+        let rows = rows.collect();
+        let last =
+            self.table.note(LAST_FRAME).map(|hex| from_hex(hex).ok_or("its last frame is not hexadecimal"));
+        let end = last.transpose()?.map(|png| TakeEnd { png, done: self.notes.done });
+        Ok(Take { id: self.notes.recording.clone(), info: self.notes.info.clone(), rows, end })
     }
 
     /// What was touched, where the world has obstacles.

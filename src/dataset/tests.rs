@@ -300,3 +300,154 @@ fn an_episode_that_cannot_be_sealed_stays_in_its_journal() {
     assert_eq!(dataset.recover(0).unwrap(), 0);
     assert_eq!(dataset.episode(0).unwrap(), expected(0, 3, 2));
 }
+
+/// All files of a dataset with their content, but for the locks and the ones left from deleting.
+///
+/// Statistics read back from a file differ in their last digits from those that were written, so it is opened first.
+fn files(dir: &Path) -> Vec<(PathBuf, Vec<u8>)> {
+    drop(Dataset::create_or_open(dir, "dummy").unwrap());
+    let mut files = Vec::new();
+    let mut folders = vec![dir.join("data"), dir.join("meta"), dir.join("journal")];
+    while let Some(folder) = folders.pop() {
+        for entry in fs::read_dir(&folder).into_iter().flatten() {
+            let path = entry.unwrap().path();
+            if path.is_dir() {
+                folders.push(path);
+            } else if !path.ends_with(".lock") {
+                files.push((path.strip_prefix(dir).unwrap().to_owned(), fs::read(&path).unwrap()));
+            }
+        }
+    }
+    files.sort();
+    files
+}
+
+/// Four episodes of different lengths.
+fn four(dir: &Path) -> Dataset {
+    let mut dataset = Dataset::create_or_open(dir, "dummy").unwrap();
+    for (seed, n_steps) in [(10, 3), (11, 5), (12, 2), (13, 4)] {
+        seal(&mut dataset, seed, n_steps);
+    }
+    dataset
+}
+
+fn copy(from: &Path, to: &Path) {
+    fs::create_dir_all(to).unwrap();
+    for entry in fs::read_dir(from).unwrap() {
+        let path = entry.unwrap().path();
+        let to = to.join(path.file_name().unwrap());
+        if path.is_dir() {
+            copy(&path, &to);
+        } else {
+            fs::copy(&path, &to).unwrap();
+        }
+    }
+}
+
+#[test]
+fn after_a_deletion_numbers_and_steps_count_on_without_a_gap() {
+    let dir = tempfile::tempdir().unwrap();
+    let mut dataset = four(dir.path());
+    let before = dataset.fingerprint();
+    dataset.delete(1).unwrap();
+    let left = [expected(0, 10, 3), expected(1, 12, 2), expected(2, 13, 4)];
+    let deleted = dataset.fingerprint();
+    assert_ne!(deleted, before, "a fit that was begun before does not go on with these");
+    let read = |dataset: &Dataset| dataset.episodes().map(Result::unwrap).collect::<Vec<_>>();
+    assert_eq!(read(&dataset), left);
+    drop(dataset);
+    let dataset = Dataset::open(dir.path()).unwrap();
+    assert_eq!((read(&dataset), dataset.next_number()), (left.to_vec(), 3));
+    assert_eq!(dataset.fingerprint(), deleted);
+    let json = |name: &str| -> serde_json::Value {
+        serde_json::from_slice(&fs::read(dir.path().join("meta").join(name)).unwrap()).unwrap()
+    };
+    assert_eq!(
+        (&json("info.json")["total_episodes"], &json("info.json")["total_frames"]),
+        (&3.into(), &9.into())
+    );
+    // What LeRobot and we say of indices: each episode begins where the one before ended.
+    let stats = json("stats.json");
+    assert_eq!((&stats["index"]["max"][0], &stats["episode_index"]["max"][0]), (&8.0.into(), &2.0.into()));
+    assert_eq!(dataset.deleted().map(|deleted| deleted.info.seed), Some(11));
+}
+
+#[test]
+fn a_deleted_episode_comes_back_after_the_others_until_another_is_deleted() {
+    let dir = tempfile::tempdir().unwrap();
+    let mut dataset = four(dir.path());
+    dataset.delete(0).unwrap();
+    assert_eq!(dataset.bring_back().unwrap(), 3);
+    assert_eq!(dataset.episode(3).unwrap(), expected(3, 10, 3));
+    assert!(matches!(dataset.bring_back(), Err(DatasetError::NothingDeleted { .. })), "but once");
+    dataset.delete(0).unwrap();
+    dataset.delete(0).unwrap();
+    assert_eq!(dataset.deleted().map(|deleted| deleted.info.seed), Some(12), "the last one only");
+    let summaries: Vec<_> = dataset.summaries().map(|it| (it.number, it.info.seed, it.n_steps)).collect();
+    assert_eq!(summaries, [(0, 13, 4), (1, 10, 3)]);
+    assert_eq!(seal(&mut dataset, 20, 1), 2, "and recording goes on after them");
+}
+
+#[test]
+fn a_program_killed_at_any_moment_of_a_deletion_leaves_it_done_or_not_begun() {
+    let (before, after) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
+    drop(four(before.path()));
+    copy(before.path(), after.path());
+    Dataset::create_or_open(after.path(), "dummy").unwrap().delete(1).unwrap();
+    let wanted = files(after.path());
+
+    // Which files are there already (of the folder before, or after), one killing after the other.
+    let moments: [&[(usize, bool)]; 6] = [
+        &[(0, false), (2, false), (3, false)],
+        &[(0, false), (1, true), (2, false), (3, false)],
+        &[(0, false), (1, true), (3, false)],
+        &[(0, false), (1, true), (2, true), (3, false)],
+        &[(0, false), (1, true), (2, true)],
+        &[(0, false), (1, false), (2, false), (3, false)],
+    ];
+    for (moment, there) in moments.into_iter().enumerate() {
+        let torn = tempfile::tempdir().unwrap();
+        copy(before.path(), torn.path());
+        fs::remove_dir_all(torn.path().join("data")).unwrap();
+        fs::create_dir_all(torn.path().join("data/chunk-000")).unwrap();
+        for &(number, is_after) in there {
+            let from = if is_after { after.path() } else { before.path() };
+            fs::copy(episode_file(from, number), episode_file(torn.path(), number)).unwrap();
+        }
+        fs::write(torn.path().join("journal/renumbering"), "").unwrap();
+        let is_deleted = moment < 5;
+        let read = Dataset::open(torn.path()).unwrap();
+        let seeds: Vec<_> = read.episodes().map(|episode| episode.unwrap().info.seed).collect();
+        let expected = if is_deleted { vec![10, 12, 13] } else { vec![10, 11, 12, 13] };
+        assert_eq!(seeds, expected, "no episode is read twice, at moment {moment}");
+        assert!(Dataset::is_torn(torn.path()));
+
+        drop(Dataset::create_or_open(torn.path(), "dummy").unwrap());
+        let wanted = if is_deleted { wanted.clone() } else { files(before.path()) };
+        assert!(files(torn.path()) == wanted, "moment {moment} is repaired");
+    }
+}
+
+#[test]
+fn the_last_episode_takes_what_was_said_of_it_with_it() {
+    let dir = tempfile::tempdir().unwrap();
+    let mut dataset = Dataset::create_or_open(dir.path(), "dummy").unwrap();
+    seal(&mut dataset, 1, 3);
+    dataset.delete(0).unwrap();
+    assert!(!dir.path().join("meta").exists());
+    assert!(matches!(Dataset::open(dir.path()), Err(DatasetError::Missing { .. })));
+    assert_eq!(dataset.bring_back().unwrap(), 0);
+    assert_eq!(Dataset::open(dir.path()).unwrap().episode(0).unwrap(), expected(0, 1, 3));
+}
+
+#[test]
+fn nothing_is_deleted_while_somebody_records() {
+    let dir = tempfile::tempdir().unwrap();
+    let dataset = four(dir.path());
+    let mut reader = Dataset::open(dir.path()).unwrap();
+    assert!(matches!(reader.delete(0), Err(DatasetError::ReadOnly { .. })));
+    drop(dataset);
+    // And who read on while another program deleted is told.
+    Dataset::create_or_open(dir.path(), "dummy").unwrap().delete(1).unwrap();
+    assert!(matches!(reader.episode(1), Err(DatasetError::Moved { .. })));
+}

@@ -128,9 +128,21 @@ impl Header {
 /// `what` behind the time (UTC) so many milliseconds after the start of 1970.
 pub(super) fn timed_name(at: u64, what: &str) -> String {
     let secs = at / 1000;
+    format!("{}T{}-{:02}-{what}", day(secs), time(secs).replace(':', "-"), secs % 60)
+}
+
+/// `2026-11-22 10:15`: the date and time, in UTC, that many seconds after the beginning of 1970.
+pub fn date(secs: u64) -> String {
+    format!("{} {}", day(secs), time(secs))
+}
+
+fn day(secs: u64) -> String {
     let (year, month, day) = civil(secs / 86_400);
-    let (hour, minute, second) = (secs / 3600 % 24, secs / 60 % 60, secs % 60);
-    format!("{year:04}-{month:02}-{day:02}T{hour:02}-{minute:02}-{second:02}-{what}")
+    format!("{year:04}-{month:02}-{day:02}")
+}
+
+fn time(secs: u64) -> String {
+    format!("{:02}:{:02}", secs / 3600 % 24, secs / 60 % 60)
 }
 
 /// Year, month and day of the Gregorian calendar, `days` after the first of January 1970.

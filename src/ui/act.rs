@@ -67,6 +67,11 @@ impl App {
             | Command::BringBack(_)
             | Command::TryWeights(_)
             | Command::Weigh(_) => self.act_on_review(&command),
+            Command::Foretell(query) => self.foretell(query),
+            Command::Watch(_)
+            | Command::AskToDelete(_)
+            | Command::DeleteEpisode
+            | Command::BringEpisodeBack => self.act_on_shelf(&command),
             Command::StartRecording
             | Command::PauseRecording
             | Command::KeepRecording
@@ -101,7 +106,8 @@ impl App {
         }
         self.hands.release();
         self.state.panel = panel;
-        if panel == Panel::Record {
+        if panel == Panel::Record && !self.state.shelf.is_changing() {
+            self.list_recordings();
             let dataset = self.state.field(Field::Dataset).into();
             self.crew.send(Order::Recorder(RecorderCommand::Look(dataset)));
         }
@@ -180,6 +186,10 @@ impl App {
             self.fail("the seed of a track is a whole number, such as 7".to_owned());
             return;
         };
+        if self.state.shelf.is_changing() {
+            return self.warn("one moment: the recordings are being put in order".to_owned());
+        }
+        self.close_shelf();
         let dataset = self.state.field(Field::Dataset).into();
         self.hands.release();
         (self.state.record.is_on, self.state.record.is_ending) = (true, false);
@@ -215,6 +225,9 @@ impl App {
     }
 
     fn start_dream(&mut self, seed: u64) {
+        if self.state.is_opening() {
+            return self.warn("one moment: the session is being opened".to_owned());
+        }
         if self.state.store.is_none() {
             self.new_session(Protocol::of_env(&self.state.env));
         }

@@ -168,9 +168,18 @@ pub enum Command {
     /// Lets that dream look at the real world after so many steps, or never.
     ResetBeside(Option<usize>),
 
+    /// Looks at the episode that was recorded as this, or at none any longer.
+    Watch(Option<String>),
+    /// Asks whether it is really to be deleted, or no longer.
+    AskToDelete(bool),
+    /// Deletes it from the folder.
+    DeleteEpisode,
+    /// Brings back the episode that was deleted last.
+    BringEpisodeBack,
+
     /// Looks at a kept dream again, or no longer.
     Review(Option<DreamId>),
-    /// Looks at the dream kept after this one, or before.
+    /// Looks at the dream or episode after this one, or before.
     ReviewNext(i32),
     /// Goes to a step of it.
     Scrub(usize),
@@ -225,6 +234,8 @@ pub enum Command {
     PutOffBreak,
     /// Has thumbnails drawn of these queries.
     Glance(Vec<QueryId>),
+    /// Has the reward say what it thinks of the clips of an answered query.
+    Foretell(QueryId),
     /// Begins the clips anew.
     RestartClips,
     /// Stops the clips, or lets them go on.

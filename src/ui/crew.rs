@@ -6,10 +6,10 @@ use crate::planner::synthesis::SynthesisConfig;
 use crate::reward::RewardConfig;
 use crate::tensor::Parameters;
 use crate::worker::{
-    BesideView, ClipperCommand, Dismissed, DreamerCommand, DriveView, DriverCommand, Latest, LiveAction,
-    LiveView, ModelerCommand, RecorderCommand, Reports, ReviewView, ReviewerCommand, ScreenerCommand,
-    SynthesizerCommand, TrainerCommand, Worker, clipper, dreamer, driver, modeler, recorder, reviewer,
-    screener, synthesizer, trainer,
+    BesideView, ClipperCommand, Dismissed, DreamerCommand, DriveView, DriverCommand, EpisodeView, Latest,
+    LibrarianCommand, LiveAction, LiveView, ModelerCommand, RecorderCommand, Reports, ReviewView,
+    ReviewerCommand, ScreenerCommand, SynthesizerCommand, TrainerCommand, Worker, clipper, dreamer, driver,
+    librarian, modeler, recorder, reviewer, screener, synthesizer, trainer,
 };
 use crate::world_model::WorldModelConfig;
 use crate::world_model::fit::FitConfig;
@@ -33,6 +33,8 @@ pub enum Order {
     Reviewer(ReviewerCommand),
     /// To whoever records.
     Recorder(RecorderCommand),
+    /// To whoever keeps recorded episodes.
+    Librarian(LibrarianCommand),
     /// To whoever trains world models.
     Modeler(ModelerCommand),
 }
@@ -52,6 +54,8 @@ pub struct Slots {
     pub drive: Latest<DriveView>,
     /// What is seen of a kept dream.
     pub review: Latest<ReviewView>,
+    /// What is seen of a recorded episode.
+    pub episode: Latest<EpisodeView>,
 }
 
 /// Threads, or a script in tests.
@@ -101,6 +105,7 @@ pub struct Threads {
     driver: Option<Worker<DriverCommand>>,
     reviewer: Option<Worker<ReviewerCommand>>,
     recorder: Option<Worker<RecorderCommand>>,
+    librarian: Option<Worker<LibrarianCommand>>,
     modeler: Option<Worker<ModelerCommand>>,
     /// Threads that were told to end: nobody waits for them but the end of the program.
     dismissed: Vec<Dismissed>,
@@ -122,6 +127,7 @@ impl Threads {
             driver: None,
             reviewer: None,
             recorder: None,
+            librarian: None,
             modeler: None,
             dismissed: Vec::new(),
         }
@@ -146,6 +152,10 @@ impl Crew for Threads {
                     recorder::spawn(env, &plans.env_name, planner, slots.action.clone(), views, reports)
                 };
                 self.recorder.get_or_insert_with(start).send(command);
+            }
+            (Order::Librarian(command), _) => {
+                let start = || librarian::spawn(slots.episode.clone(), reports);
+                self.librarian.get_or_insert_with(start).send(command);
             }
             (Order::Modeler(command), _) => {
                 let start = || modeler::spawn(plans.world.clone(), plans.fit.clone(), reports);
@@ -193,6 +203,9 @@ impl Crew for Threads {
         // These need no model: only after a bug is there another.
         if self.recorder.as_ref().is_some_and(Worker::is_over) {
             self.recorder = None;
+        }
+        if self.librarian.as_ref().is_some_and(Worker::is_over) {
+            self.librarian = None;
         }
         if self.modeler.as_ref().is_some_and(Worker::is_over) {
             self.modeler = None;

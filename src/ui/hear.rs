@@ -111,6 +111,7 @@ impl App {
                 self.forget_far_pairs();
             }
             Report::Glance { query, frames } => self.glanced(ctx, query, &frames),
+            Report::Foretold { query, clips } => self.foretold(query, clips),
             Report::Signs { dream, seed, signs } => self.signs_found(dream, seed, &signs),
             Report::Synthesizing { seed, done, n } => self.synthesizing(seed, done, n),
             Report::Synthesized { episode, acquisition } => self.synthesized(episode, acquisition),
@@ -125,8 +126,9 @@ impl App {
             }
             Report::Recorded { episode, n_steps } => {
                 (self.state.record.is_on, self.state.record.is_ending) = (false, false);
-                self.state.record.kept.push((episode, n_steps));
+                self.state.record.n_kept += 1;
                 self.next_track(Field::RecordSeed);
+                self.list_recordings();
                 self.done(format!("episode {episode} is on disk: {n_steps} steps"));
             }
             Report::Unfinished(n) => self.offer_recordings(n),
@@ -139,6 +141,9 @@ impl App {
                 self.state.world.fitted = Some(path.clone());
                 let text = "the new world model is on disk".to_owned();
                 self.offer(text, vec![("Use it".to_owned(), Command::LoadWorld(path))]);
+            }
+            Report::Shelf(_) | Report::Opened(_) | Report::JudgedEpisode { .. } => {
+                self.hear_librarian(report);
             }
             Report::LeftOut(why) => self.warn(why),
             Report::Failed { worker, message } => self.worker_failed(worker, &message),
@@ -219,6 +224,7 @@ impl App {
             "trainer" => (self.state.reward.is_fitting, self.state.reward.is_relearning) = (false, false),
             "synthesizer" if !has_died => return self.not_made(message.to_owned()),
             "synthesizer" => self.make_trajectories(false),
+            "librarian" => self.librarian_failed(),
             "recorder" => (self.state.record.is_on, self.state.record.is_ending) = (false, false),
             "modeler" => {
                 self.state.world.fit = None;
@@ -254,6 +260,7 @@ impl App {
             self.state.record.live = Some(view);
         }
         self.hear_review(ctx);
+        self.hear_shelf(ctx);
         self.hear_beside(ctx);
         if let Some(view) = self.slots.drive.take() {
             let deploy = &mut self.state.deploy;
@@ -290,6 +297,9 @@ impl App {
             label.pace.begin(now);
             self.state.label.playhead = self.state.span().start;
         }
+        if let Some(query) = self.state.reconsidered() {
+            self.foretell(query);
+        }
         let span = self.state.span();
         let label = &mut self.state.label;
         if ready.is_some() {
@@ -325,12 +335,15 @@ impl App {
         {
             ctx.request_repaint_after(self.pace.max(Duration::from_secs_f64(0.5 / state.label.speed)));
         }
-        if state.review.is_playing {
+        if state.review.head.is_playing || state.shelf.head.is_playing {
             ctx.request_repaint_after(self.pace.max(Duration::from_millis(20)));
         }
         // Pads are read between two pictures, so there must be some; in software a picture costs too much for many.
         if !state.pads.is_empty() {
             ctx.request_repaint_after(6 * self.pace);
+        }
+        if state.is_opening() {
+            ctx.request_repaint_after(self.pace.max(Duration::from_millis(100)));
         }
         let until = state.toasts.iter().filter_map(|toast| toast.until).reduce(f64::min);
         if let Some(until) = until {

@@ -11,16 +11,20 @@ mod command;
 mod crew;
 mod dialog;
 mod errands;
+mod foretelling;
 mod hear;
 mod input;
 mod keys;
+mod opening;
 mod pace;
 mod pads;
 mod panels;
+mod playhead;
 mod preferences;
 mod rebind;
 mod review;
 mod sessions;
+mod shelf;
 mod state;
 mod thumbnails;
 mod toasts;
@@ -37,7 +41,7 @@ use eframe::egui::{self, Context, ViewportBuilder};
 use eframe::{CreationContext, wgpu};
 
 use crate::query::QueryId;
-use crate::session::SessionStore;
+use crate::session::{OpenedSession, SessionStore};
 use crate::tensor::Parameters;
 use crate::worker::{Job, Report, Reports};
 
@@ -53,6 +57,7 @@ pub use state::{DreamStart, LoadedWorld};
 use dialog::Dialog;
 use errands::Errand;
 use input::Hands;
+use opening::{Opening, Reading};
 use preferences::Preferences;
 use state::{State, World};
 
@@ -101,8 +106,12 @@ pub struct App {
     load: Load,
     /// A world model that is being read.
     loading: Option<Job<Result<LoadedWorld, String>>>,
-    /// The session to go on with once it is there.
-    waiting: Option<SessionStore>,
+    /// A session that is being read.
+    opening: Option<Opening>,
+    /// The reading of one that nobody wants any more, until it has ended.
+    abandoned: Option<Reading>,
+    /// The session to go on with once the world model is there, and where to.
+    waiting: Option<(OpenedSession, Option<Panel>)>,
     /// Reports that were not yet heard when others were thrown away.
     unheard: Vec<Report>,
     sessions: PathBuf,
@@ -110,6 +119,8 @@ pub struct App {
     /// Work on files that somebody waits for.
     errand: Option<Errand>,
     next_toast: u64,
+    /// Draws the window again when something is done.
+    waker: Context,
     /// The least time between two pictures of the window.
     pace: Duration,
 }
@@ -169,7 +180,10 @@ impl App {
             hands: Hands::default(),
             load: startup.load,
             loading: None,
+            opening: None,
+            abandoned: None,
             waiting: None,
+            waker: ctx.clone(),
             unheard: Vec::new(),
             sessions: startup.sessions,
             dialog: None,
@@ -190,11 +204,11 @@ impl App {
         fields.insert(Field::RecordSeed, "1".to_owned());
         fields.insert(Field::DeploySeed, "1".to_owned());
         fields.insert(Field::Session, self.sessions.display().to_string());
+        if let Some(store) = session {
+            self.read_session(store);
+        }
         match world {
-            FirstWorld::In(path) => {
-                self.waiting = session;
-                return self.load_world(ctx, path);
-            }
+            FirstWorld::In(path) => self.load_world(ctx, path),
             FirstWorld::Here(Ok(world)) => {
                 self.state.world = World::of(ctx, world, &mut self.state.dream);
             }
@@ -202,18 +216,6 @@ impl App {
                 self.state.panel = Panel::World;
                 self.fail(sentence);
             }
-        }
-        if let Some(store) = session {
-            self.go_on_with(store);
-        }
-    }
-
-    /// Goes on with a session, if it is one of this world model.
-    fn go_on_with(&mut self, store: SessionStore) {
-        if self.state.world.is_of(store.header()) {
-            self.adopt(store);
-        } else {
-            self.fail("this session was dreamed with another world model: load that one first".to_owned());
         }
     }
 
@@ -264,9 +266,11 @@ impl eframe::App for App {
         self.hear_dialog(ctx);
         self.hear_drops(ctx);
         self.hear_errands(ctx);
+        self.hear_opener();
         self.hear_loader(ctx);
         self.show_clips(ctx);
         self.show_review(ctx);
+        self.show_shelf(ctx);
         let now = self.state.now;
         self.state.toasts.retain(|toast| toast.until.is_none_or(|until| until > now));
         self.schedule(ctx);

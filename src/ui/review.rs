@@ -7,7 +7,6 @@ use std::sync::Arc;
 use eframe::egui::{Context, TextureHandle};
 
 use crate::dream::DreamEpisode;
-use crate::env::STEPS_PER_SEC;
 use crate::query::{DreamId, Weights};
 use crate::session::{Event, Session};
 use crate::ui::App;
@@ -15,6 +14,8 @@ use crate::ui::act::counted;
 use crate::ui::choosing::Weighing;
 use crate::ui::command::{Command, Panel};
 use crate::ui::crew::Order;
+use crate::ui::foretelling::Foretelling;
+use crate::ui::playhead::Playhead;
 use crate::ui::state::{Rewarding, State, World};
 use crate::ui::widgets::clip;
 use crate::worker::trainer::MIN_LABELS;
@@ -25,9 +26,8 @@ use crate::worker::{Job, Judgement, Report, ReviewView, ReviewerCommand, Trainer
 pub(crate) struct Reviewing {
     /// Which one.
     pub dream: Option<DreamId>,
-    /// Where in it, in steps.
-    pub playhead: f64,
-    pub is_playing: bool,
+    /// Where in it.
+    pub head: Playhead,
     /// What was seen and thought there.
     pub view: Option<ReviewView>,
     pub picture: Option<TextureHandle>,
@@ -49,8 +49,7 @@ impl Reviewing {
 
     /// The step that is looked at.
     pub(crate) fn step(&self) -> usize {
-        let last = self.episode().map_or(0, |episode| episode.len().saturating_sub(1));
-        (self.playhead as usize).min(last)
+        self.head.step(self.episode().map_or(0, DreamEpisode::len))
     }
 }
 
@@ -76,6 +75,11 @@ impl App {
     pub(super) fn act_on_review(&mut self, command: &Command) {
         match command {
             Command::Review(dream) => self.review(*dream),
+            Command::ReviewNext(_) | Command::Scrub(_) | Command::PlayReview
+                if self.state.panel == Panel::Record =>
+            {
+                self.move_in_episode(command);
+            }
             Command::ReviewNext(by) => {
                 let all = self.state.reviewable();
                 let here = all.iter().position(|id| Some(*id) == self.state.review.dream);
@@ -84,15 +88,10 @@ impl App {
                     self.review(Some(*id));
                 }
             }
-            Command::Scrub(step) => {
-                (self.state.review.playhead, self.state.review.is_playing) = (*step as f64, false);
-            }
+            Command::Scrub(step) => self.state.review.head.stand_at(*step),
             Command::PlayReview => {
-                let review = &mut self.state.review;
-                review.is_playing = !review.is_playing;
-                if review.episode().is_some_and(|episode| review.step() + 1 >= episode.len()) {
-                    review.playhead = 0.0;
-                }
+                let len = self.state.review.episode().map_or(0, DreamEpisode::len);
+                self.state.review.head.toggle(len);
             }
             Command::DeleteDream(dream) => self.delete_dream(*dream),
             Command::BringBack(dream) => self.bring_back(*dream),
@@ -104,7 +103,7 @@ impl App {
 
     fn review(&mut self, dream: Option<DreamId>) {
         let review = &mut self.state.review;
-        (review.dream, review.playhead, review.is_playing) = (dream, 0.0, false);
+        (review.dream, review.head) = (dream, Playhead::default());
         (review.view, review.judgement, review.asked, review.picture) = (None, None, None, None);
     }
 
@@ -154,7 +153,7 @@ impl App {
     /// Has the step on the screen drawn, and moves on while a dream plays.
     pub(super) fn show_review(&mut self, ctx: &Context) {
         if !self.state.is_reviewing() {
-            self.state.review.is_playing = false;
+            self.state.review.head.is_playing = false;
             return;
         }
         if self.state.review.dream.is_none() {
@@ -166,28 +165,29 @@ impl App {
         else {
             return;
         };
-        if review.is_playing {
-            let dt = f64::from(ctx.input(|input| input.stable_dt)).min(0.25);
-            review.playhead += dt * STEPS_PER_SEC as f64;
-            if review.playhead as usize + 1 >= episode.len() {
-                (review.playhead, review.is_playing) = (episode.len().saturating_sub(1) as f64, false);
-            }
-        }
+        review.head.pass(f64::from(ctx.input(|input| input.stable_dt)).min(0.25), episode.len());
         let wanted = Some((id, review.step()));
         if review.asked == wanted {
             return;
         }
         review.asked = wanted;
-        if review.known.is_empty()
+        self.show_to_reviewer(id);
+        let step = self.state.review.step();
+        self.crew.send(Order::Reviewer(ReviewerCommand::Look { dream: id, step }));
+    }
+
+    /// Makes the reviewer know a dream, and the reward.
+    pub(super) fn show_to_reviewer(&mut self, dream: DreamId) {
+        if self.state.review.known.is_empty()
             && let Some(parameters) = self.state.reward.parameters.clone()
         {
             self.crew.send(Order::Reviewer(ReviewerCommand::Reward(parameters)));
         }
-        if self.state.review.known.insert(id) {
-            self.crew.send(Order::Reviewer(ReviewerCommand::AddDream(id, episode)));
+        if let Some(episode) = self.state.review.episodes.get(&dream).cloned()
+            && self.state.review.known.insert(dream)
+        {
+            self.crew.send(Order::Reviewer(ReviewerCommand::AddDream(dream, episode)));
         }
-        let step = self.state.review.step();
-        self.crew.send(Order::Reviewer(ReviewerCommand::Look { dream: id, step }));
     }
 
     /// Takes in what the reviewer has drawn.
@@ -201,6 +201,8 @@ impl App {
 
     /// Tells the reviewer of a new reward, if there is one.
     pub(super) fn teach_reviewer(&mut self) {
+        self.state.shelf.forget_reward();
+        self.state.label.foretelling = Foretelling::default();
         if let Some(parameters) = self.state.reward.parameters.clone()
             && !self.state.review.known.is_empty()
         {
@@ -214,6 +216,8 @@ impl App {
         let is_of_the_session = |report: &Report| match report {
             Report::Clips { .. }
             | Report::Judged(_)
+            | Report::JudgedEpisode { .. }
+            | Report::Foretold { .. }
             | Report::Learning(_)
             | Report::Learned { .. }
             | Report::Drove { .. } => true,
@@ -225,6 +229,7 @@ impl App {
         self.slots.review.take();
         self.slots.drive.take();
         self.state.review = Reviewing::default();
+        self.state.shelf.forget_reward();
     }
 
     /// Begins to read a world model; the window goes on meanwhile.
@@ -258,8 +263,8 @@ impl App {
         let world = match loaded {
             Ok(world) => world,
             Err(sentence) => {
-                if let Some(store) = self.waiting.take() {
-                    self.go_on_with(store);
+                if let Some((opened, goes_to)) = self.waiting.take() {
+                    self.go_on_with(opened, goes_to);
                 }
                 if is_first {
                     self.state.panel = Panel::World;
@@ -275,8 +280,8 @@ impl App {
         self.state.world = World { fit, ..World::of(ctx, world, &mut self.state.dream) };
         (self.state.label, self.state.reward) = (self.state.label.anew(), Rewarding::default());
         self.state.unfinished.clear();
-        if let Some(store) = self.waiting.take() {
-            return self.go_on_with(store);
+        if let Some((opened, goes_to)) = self.waiting.take() {
+            return self.go_on_with(opened, goes_to);
         }
         // A session belongs to the model that it was dreamed with.
         if self.state.store.take().is_some() {

@@ -1,9 +1,11 @@
 //! What is done with sessions: beginning, opening, and going on where a killed program left off.
 
-use std::path::Path;
+use std::ops::ControlFlow;
 
 use crate::query::Protocol;
-use crate::session::{Header, Recent, SessionStore, now, recent};
+use crate::session::{
+    Header, OpenedSession, Recent, SessionError, SessionStore, UnfinishedDream, now, recent,
+};
 use crate::ui::App;
 use crate::ui::act::{counted, fresh_seed};
 use crate::ui::command::{Command, Panel};
@@ -60,7 +62,11 @@ impl App {
         match SessionStore::create_in(&self.sessions, header) {
             Ok(store) => {
                 self.state.sessions_open = false;
-                self.adopt(store);
+                self.give_up_opening();
+                // There is nothing to read yet.
+                if let Some(opened) = OpenedSession::read(store, &mut |_, _| ControlFlow::Continue(())) {
+                    self.adopt(opened);
+                }
                 // Nothing is to be driven: what is asked about is made there.
                 if protocol == Protocol::Request {
                     self.act_on_label(Command::MakeTrajectories(true));
@@ -74,37 +80,19 @@ impl App {
         }
     }
 
-    pub(super) fn open_session(&mut self, dir: &Path) {
-        if self.state.dream.is_on {
-            return self.warn("end the dream first: keep it, or leave it".to_owned());
-        }
-        if self.state.store.as_ref().is_some_and(|store| store.dir() == dir) {
-            self.state.sessions_open = false;
-            return;
-        }
-        let hash = Some(self.state.world.hash.as_str()).filter(|hash| !hash.is_empty());
-        match SessionStore::open(dir, hash) {
-            Ok(store) => {
-                self.state.sessions_open = false;
-                self.adopt(store);
-                self.state.panel = Panel::Label;
-            }
-            Err(e) => self.fail(e.to_string()),
-        }
-    }
-
     pub(super) fn restart(&mut self) {
         if let Some(world) = self.state.world.loaded.clone() {
             self.forget_workers();
             self.crew.change_world(&world.parameters);
         }
         if let Some(store) = self.state.store.take() {
-            self.adopt(store);
+            self.read_session(store);
         }
     }
 
-    /// Goes on with the session in `store`, telling the workers all that is in it.
-    pub(super) fn adopt(&mut self, store: SessionStore) {
+    /// Goes on with a session, telling the workers all that is in it.
+    pub(super) fn adopt(&mut self, opened: OpenedSession) {
+        let OpenedSession { store, dreams, reward, unfinished } = opened;
         self.end_dream();
         self.forget_workers();
         self.state.deploy.is_on = false;
@@ -114,8 +102,8 @@ impl App {
                 "the last line of this session was cut short when the program ended: {torn:?}"
             ));
         }
-        for (id, _) in store.session().dream_lens() {
-            match store.dream(id) {
+        for (id, dream) in dreams {
+            match dream {
                 Ok(episode) => self.teach_dream(id, episode),
                 Err(e) => {
                     self.state.label.unreadable.push(id);
@@ -129,7 +117,7 @@ impl App {
         for labeled in store.session().labeled() {
             self.crew.send(Order::Trainer(TrainerCommand::Learn(labeled.query, labeled.label)));
         }
-        match store.reward() {
+        match reward {
             Ok(Some(parameters)) => {
                 self.state.reward.n_learned =
                     store.session().fits().last().map_or(0, |fitted| fitted.fit.n_labels);
@@ -140,11 +128,10 @@ impl App {
             Err(e) => self.fail(e.to_string()),
         }
         self.state.store = Some(store);
-        self.look_for_unfinished();
+        self.offer_unfinished(unfinished);
     }
 
-    fn look_for_unfinished(&mut self) {
-        let found = self.state.store.as_ref().map_or_else(|| Ok(Vec::new()), SessionStore::unfinished_dreams);
+    fn offer_unfinished(&mut self, found: Result<Vec<UnfinishedDream>, SessionError>) {
         match found {
             Ok(found) => self.state.unfinished = found,
             Err(e) => self.fail(e.to_string()),

@@ -17,10 +17,13 @@ use crate::ui::beside::Besides;
 use crate::ui::choosing::{Asking, Weighing, is_held_back};
 use crate::ui::command::{Command, Field, Panel};
 use crate::ui::errands::Several;
+use crate::ui::foretelling::Foretelling;
 use crate::ui::keys::{Deed, Keys, Rebinding};
+use crate::ui::opening::BeingOpened;
 use crate::ui::pace::{Budget, Pace};
 use crate::ui::pads::Pads;
 use crate::ui::review::Reviewing;
+use crate::ui::shelf::Shelving;
 use crate::ui::trajectories::Making;
 use crate::ui::widgets::clip::Clip;
 use crate::worker::{DriveView, Learning, LiveView};
@@ -66,6 +69,8 @@ pub(crate) struct State {
     pub fields: BTreeMap<Field, String>,
     /// The session, once there is one.
     pub store: Option<SessionStore>,
+    /// The session that is being opened.
+    pub opening: Option<BeingOpened>,
     /// Sessions that can be opened.
     pub recent: Vec<RecentSession>,
     /// Dreams that a killed program left behind.
@@ -98,6 +103,7 @@ pub(crate) struct State {
     pub toasts: Vec<Toast>,
     pub world: World,
     pub record: Recording,
+    pub shelf: Shelving,
     pub dream: Dreaming,
     pub label: Labeling,
     pub reward: Rewarding,
@@ -205,8 +211,8 @@ pub(crate) struct Recording {
     pub is_ending: bool,
     pub live: Option<LiveView>,
     pub picture: Option<TextureHandle>,
-    /// Episodes kept since the window opened: number and steps.
-    pub kept: Vec<(usize, usize)>,
+    /// How many episodes were kept since the window opened.
+    pub n_kept: usize,
     /// The dream beside.
     pub besides: Besides,
 }
@@ -288,6 +294,8 @@ pub(crate) struct Labeling {
     pub annotators: Option<Annotators>,
     /// What is known of bad dreams.
     pub screen: Screen,
+    /// What the reward says of clips that were answered.
+    pub foretelling: Foretelling,
 }
 
 /// Frames a second at which clips are played at first: as they were driven.
@@ -326,6 +334,7 @@ impl Default for Labeling {
             weighing: Weighing::default(),
             annotators: None,
             screen: Screen::default(),
+            foretelling: Foretelling::default(),
         }
     }
 }

@@ -131,6 +131,8 @@ pub enum ReviewerCommand {
         /// Which step.
         step: usize,
     },
+    /// Says what the present reward thinks of both clips of a query.
+    Foretell(Query),
 }
 
 /// Lets a person drive the real car and records it; an episode that the environment ends is kept.
@@ -163,6 +165,35 @@ pub enum RecorderCommand {
     Recover(PathBuf),
     /// Throws them away.
     Forget(PathBuf),
+}
+
+/// Lists, opens and deletes recorded episodes, which are named by what they were recorded as.
+#[derive(Debug)]
+pub enum LibrarianCommand {
+    /// Lists the episodes of a `LeRobot` folder.
+    List(PathBuf),
+    /// Opens one of them, and draws its first step.
+    Open {
+        /// The `LeRobot` folder.
+        dataset: PathBuf,
+        /// Which.
+        recording: String,
+    },
+    /// Draws this step of it.
+    Look(usize),
+    /// Judges by this world model and reward from now on, or no longer.
+    Judge(Option<(Parameters, Parameters)>),
+    /// Forgets the one that is open.
+    Close,
+    /// Deletes one, and lists the others.
+    Delete {
+        /// The `LeRobot` folder.
+        dataset: PathBuf,
+        /// Which.
+        recording: String,
+    },
+    /// Brings back the one that was deleted last, and lists all.
+    BringBack(PathBuf),
 }
 
 /// Trains a world model.

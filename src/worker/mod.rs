@@ -3,6 +3,7 @@
 //! The only module that starts a thread. A worker owns its models and shares nothing: what crosses a channel is plain
 //! data, and networks travel as [`Parameters`](crate::tensor::Parameters). Only the live picture and the live action go through [`Latest`] slots.
 
+mod appraisal;
 mod clock;
 mod command;
 mod companion;
@@ -15,6 +16,7 @@ mod view;
 pub mod clipper;
 pub mod dreamer;
 pub mod driver;
+pub mod librarian;
 pub mod modeler;
 pub mod recorder;
 pub mod reviewer;
@@ -33,11 +35,14 @@ use std::time::Instant;
 use crate::env::{Action, Env};
 
 pub use command::{
-    ClipperCommand, DreamerCommand, DriverCommand, ModelerCommand, RecorderCommand, ReviewerCommand,
-    ScreenerCommand, SynthesizerCommand, TrainerCommand,
+    ClipperCommand, DreamerCommand, DriverCommand, LibrarianCommand, ModelerCommand, RecorderCommand,
+    ReviewerCommand, ScreenerCommand, SynthesizerCommand, TrainerCommand,
 };
 pub use report::{Learning, Report};
-pub use view::{Beside, BesideView, CandidateView, DriveView, Judgement, LiveView, Promise, ReviewView};
+pub use view::{
+    Beside, BesideView, CandidateView, ClipRewards, DriveView, EpisodeView, Judgement, LiveView, OpenEpisode,
+    Promise, ReviewView, Shelf,
+};
 
 /// A slot that holds only the latest value: a slow reader misses some and never delays the writer.
 #[derive(Debug)]
@@ -244,6 +249,13 @@ impl<T: Send + 'static> Job<T> {
     /// Whether its thread has ended.
     pub fn is_over(&self) -> bool {
         self.thread.as_ref().is_none_or(JoinHandle::is_finished)
+    }
+
+    /// Waits until its thread has ended, and throws away what came of it.
+    pub fn wait(mut self) {
+        if let Some(thread) = self.thread.take() {
+            thread.join().ok();
+        }
     }
 }
 

@@ -9,7 +9,7 @@ use crate::planner::synthesis::Acquisition;
 use crate::query::{DreamId, Query, SegmentRef};
 use crate::session::DreamJournal;
 use crate::tensor::Parameters;
-use crate::worker::Judgement;
+use crate::worker::{ClipRewards, Judgement, OpenEpisode, Shelf};
 use crate::world_model::fit::Progress;
 
 /// What a worker tells the window: one closed list, one inbox.
@@ -53,6 +53,13 @@ pub enum Report {
         pairs: Vec<[SegmentRef; 2]>,
         /// How much the members disagree about each; nothing where nothing was learned yet.
         disagreements: Option<Vec<f32>>,
+    },
+    /// What the reward says of the clips of a query.
+    Foretold {
+        /// Which.
+        query: Query,
+        /// Of the left one, and of the right one.
+        clips: [ClipRewards; 2],
     },
     /// What the reward says of a dream.
     Judged(Judgement),
@@ -99,6 +106,17 @@ pub enum Report {
     },
     /// So many recordings were left behind by a killed program.
     Unfinished(usize),
+    /// What a folder of recordings holds.
+    Shelf(Shelf),
+    /// A recorded episode has been read.
+    Opened(OpenEpisode),
+    /// What the reward says of the recorded episode that is open.
+    JudgedEpisode {
+        /// Which.
+        recording: String,
+        /// The mean of the members, the lowest and the highest, step by step.
+        rewards: [Vec<f32>; 3],
+    },
     /// A recorded episode is left out of a fit; the sentence says why.
     LeftOut(String),
     /// A world model is being trained.

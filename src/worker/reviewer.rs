@@ -9,12 +9,13 @@ use rand_chacha::ChaCha8Rng;
 
 use crate::dream::{DreamEpisode, Rows};
 use crate::planner::{Plan, PlannerConfig, plan};
-use crate::query::DreamId;
-use crate::reward::{FrozenReward, RewardEnsemble, scaled_actions_tensor};
-use crate::tensor::{Parameters, from_slice, to_vec};
+use crate::query::{DreamId, Query, SEGMENT_LEN, SegmentRef};
+use crate::reward::LearnedReward;
+use crate::tensor::Parameters;
+use crate::worker::appraisal::Jury;
 use crate::worker::gallery::in_words;
 use crate::worker::{
-    Judgement, Latest, Promise, Report, Reports, ReviewView, ReviewerCommand, Worker, one_thread,
+    ClipRewards, Judgement, Latest, Promise, Report, Reports, ReviewView, ReviewerCommand, Worker, one_thread,
 };
 use crate::world_model::WorldModel;
 
@@ -66,8 +67,8 @@ pub fn review(
 
 /// A reward, for all and for each.
 struct Judge {
-    ensemble: RewardEnsemble,
-    frozen: FrozenReward,
+    jury: Jury,
+    frozen: LearnedReward,
 }
 
 /// What the thread owns.
@@ -78,7 +79,7 @@ struct Reviewer<'a> {
     view: &'a Latest<ReviewView>,
     dreams: HashMap<DreamId, (Arc<DreamEpisode>, Option<Rows>)>,
     now: Option<Judge>,
-    before: Option<FrozenReward>,
+    before: Option<LearnedReward>,
     /// The dream that the present reward has judged last.
     judged: Option<DreamId>,
     /// What was looked at last.
@@ -92,18 +93,18 @@ impl Reviewer<'_> {
                 self.dreams.insert(id, (episode, None));
             }
             ReviewerCommand::Reward(parameters) => {
-                let ensemble = RewardEnsemble::load(&parameters).map_err(|e| e.to_string())?;
-                ensemble.require(&self.model.hash()).map_err(|e| e.to_string())?;
-                self.now = Some(Judge { frozen: ensemble.frozen(), ensemble });
+                let jury = Jury::load(&parameters, &self.model.hash()).map_err(|e| e.to_string())?;
+                self.now = Some(Judge { frozen: jury.frozen(), jury });
                 self.judged = None;
                 if let Some((dream, step)) = self.last {
                     self.look(dream, step)?;
                 }
             }
             ReviewerCommand::Compare => {
-                self.before = self.now.as_ref().map(|judge| judge.ensemble.frozen());
+                self.before = self.now.as_ref().map(|judge| judge.jury.frozen());
             }
             ReviewerCommand::Look { dream, step } => self.look(dream, step)?,
+            ReviewerCommand::Foretell(query) => self.foretell(query)?,
         }
         Ok(())
     }
@@ -120,8 +121,10 @@ impl Reviewer<'_> {
             let state = self.model.state_of(features.row(step));
             // The same draw for both, so that they promise something of the same plans.
             let seed = episode.seed ^ step as u64;
-            let imagine = |reward: &FrozenReward| -> Plan {
-                plan(&self.model, reward, &state, &self.planner, &mut ChaCha8Rng::seed_from_u64(seed))
+            let imagine = |reward: &LearnedReward| -> Plan {
+                let config = self.planner.clone();
+                let config = if reward.is_sparse() { config.for_transitions() } else { config };
+                plan(&self.model, reward, &state, &config, &mut ChaCha8Rng::seed_from_u64(seed))
             };
             let (now, before) = (imagine(&judge.frozen), self.before.as_ref().map(imagine));
             let before_of = |i: usize| before.as_ref().map(|plan| plan.candidates[i].predicted_return);
@@ -141,6 +144,22 @@ impl Reviewer<'_> {
         Ok(())
     }
 
+    /// Says what each member thinks of both clips of a query, if there is a reward.
+    fn foretell(&mut self, query: Query) -> Result<(), String> {
+        let Some(judge) = &self.now else { return Ok(()) };
+        let mut of = |SegmentRef { dream, start }: SegmentRef| {
+            let (episode, features) = self.dreams.get_mut(&dream)?;
+            let features = features.get_or_insert_with(|| episode.features(&self.model));
+            let rows = features.values.get(start * features.width..(start + SEGMENT_LEN) * features.width)?;
+            let (rewards, members) = judge.jury.hear(rows, &episode.actions[start..start + SEGMENT_LEN]);
+            Some(ClipRewards { rewards, members })
+        };
+        let unknown = || format!("a clip of query {} is of a dream that is not known here", query.id.0 + 1);
+        let clips = [of(query.left).ok_or_else(unknown)?, of(query.right).ok_or_else(unknown)?];
+        self.reports.send(Report::Foretold { query, clips });
+        Ok(())
+    }
+
     /// Says what the reward thinks of a whole dream, once.
     fn judge(&mut self, dream: DreamId) {
         if self.judged == Some(dream) {
@@ -148,11 +167,7 @@ impl Reviewer<'_> {
         }
         let Some((episode, Some(features))) = self.dreams.get(&dream) else { return };
         let Some(judge) = &self.now else { return };
-        let rows = from_slice(&features.values, &[features.len() as i64, features.width as i64]);
-        let members = judge.ensemble.member_rewards(&rows, &scaled_actions_tensor(&episode.actions)); // [E, T]
-        let mean = members.mean_dim(0, false, tch::Kind::Float);
-        let (low, high) = (members.amin(0, false), members.amax(0, false));
-        let [rewards, low, high] = [mean, low, high].map(|row| to_vec(&row));
+        let [rewards, low, high] = judge.jury.appraise(&features.values, &episode.actions);
         self.reports.send(Report::Judged(Judgement { dream, rewards, low, high }));
         self.judged = Some(dream);
     }
@@ -163,7 +178,8 @@ mod tests {
     use std::sync::mpsc::channel;
 
     use super::*;
-    use crate::reward::{RewardConfig, RewardModel as _};
+    use crate::reward::{RewardConfig, RewardEnsemble, RewardModel as _, scaled_actions_tensor};
+    use crate::tensor::{from_slice, to_vec};
     use crate::worker::toy;
 
     fn ensemble(seed: u64) -> RewardEnsemble {
@@ -225,6 +241,37 @@ mod tests {
         let expected: Vec<_> =
             returns.map(|(now, before)| (now.predicted_return, Some(before.predicted_return))).collect();
         assert_eq!(seen.promises.iter().map(promised).collect::<Vec<_>>(), expected);
+    }
+
+    #[test]
+    fn of_clips_each_member_is_heard() {
+        let dream = Arc::new(toy::dream(1, 60));
+        let (reports, inbox) = Reports::new(|| ());
+        let (commands, heard) = channel();
+        let query = toy::query(3, (7, 2), (7, 31));
+        for command in [
+            ReviewerCommand::AddDream(DreamId(7), Arc::clone(&dream)),
+            ReviewerCommand::Foretell(query),
+            ReviewerCommand::Reward(ensemble(0).parameters()),
+            ReviewerCommand::Foretell(query),
+        ] {
+            commands.send(command).unwrap();
+        }
+        let parameters = toy::model().parameters().clone();
+        let reviewer = spawn(parameters, PlannerConfig::car_racing(), Latest::default(), &reports);
+        for command in heard.try_iter() {
+            reviewer.send(command);
+        }
+        let Report::Foretold { query: of, clips: [_, right] } = inbox.recv().unwrap() else {
+            panic!("another report: without a reward nothing is foretold")
+        };
+        let rows = dream.features(&toy::model());
+        let rows = from_slice(&rows.values[31 * 36..51 * 36], &[20, 36]);
+        let scaled = scaled_actions_tensor(&dream.actions[31..51]);
+        let members = ensemble(0).member_rewards(&rows, &scaled);
+        let by_hand: Vec<Vec<f32>> = members.unbind(0).iter().map(to_vec).collect();
+        assert_eq!((of, right.members), (query, by_hand));
+        assert_eq!(right.rewards, to_vec(&ensemble(0).rewards(&rows, &scaled)));
     }
 
     #[test]

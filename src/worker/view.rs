@@ -1,7 +1,10 @@
 //! What workers show: plain data for the eye.
 
+use std::ops::Range;
+use std::path::PathBuf;
 use std::sync::Arc;
 
+use crate::dataset::Summary;
 use crate::env::{Action, Frame};
 use crate::evaluation::EpisodeMetrics;
 use crate::query::DreamId;
@@ -92,6 +95,61 @@ pub struct Judgement {
     pub low: Vec<f32>,
     /// The highest.
     pub high: Vec<f32>,
+}
+
+/// What the reward says of every step of a clip.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ClipRewards {
+    /// The reward, step by step.
+    pub rewards: Vec<f32>,
+    /// What each member says alone.
+    pub members: Vec<Vec<f32>>,
+}
+
+impl ClipRewards {
+    /// What the clip is worth as a whole: the sum over its steps, by which clips are compared.
+    pub fn sum(&self) -> f32 {
+        self.rewards.iter().sum()
+    }
+}
+
+/// What a folder of recordings holds.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Shelf {
+    /// The `LeRobot` folder.
+    pub dataset: PathBuf,
+    /// Its sealed episodes, in the order of their numbers.
+    pub episodes: Vec<Summary>,
+    /// Why some of its files cannot be read, a sentence each.
+    pub damaged: Vec<String>,
+    /// The episode that was deleted last, if it can be brought back.
+    pub deleted: Option<Summary>,
+}
+
+/// A recorded episode without its frames.
+#[derive(Clone, Debug, PartialEq)]
+pub struct OpenEpisode {
+    /// Which.
+    pub recording: String,
+    /// What was done at each step.
+    pub actions: Vec<Action>,
+    /// What the environment gave for it, which the method never sees.
+    pub rewards: Vec<f32>,
+    /// The steps on the grass.
+    pub grass: Vec<Range<usize>>,
+    /// The steps that the planner drove.
+    pub planned: Vec<Range<usize>>,
+}
+
+/// A step of a recorded episode.
+#[derive(Clone, Debug, PartialEq)]
+pub struct EpisodeView {
+    /// Of which.
+    pub recording: String,
+    /// Which step.
+    pub step: usize,
+    /// What the models see there.
+    pub frame: Frame,
 }
 
 /// One imagined future, for the eye.

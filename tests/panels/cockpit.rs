@@ -152,17 +152,17 @@ fn a_recording_that_is_being_sealed_cannot_be_thrown_away() {
     press(&mut harness, Key::Enter);
     backstage.slots.record.put(view(30));
     harness.run_steps(1);
-    backstage.orders();
+    backstage.orders_but_lists();
     for key in [Key::N, Key::R, Key::Escape, Key::N] {
         press(&mut harness, key);
     }
-    let orders = backstage.orders();
+    let orders = backstage.orders_but_lists();
     assert!(matches!(&orders[..], [Order::Recorder(RecorderCommand::Keep)]), "{orders:?}");
     backstage.report(Report::Recorded { episode: 0, n_steps: 30 });
     harness.run_steps(2);
     press(&mut harness, Key::Enter);
     assert!(
-        matches!(backstage.orders()[..], [Order::Recorder(RecorderCommand::Start { seed: 2, .. })]),
+        matches!(backstage.orders_but_lists()[..], [Order::Recorder(RecorderCommand::Start { seed: 2, .. })]),
         "another can be begun"
     );
 }
@@ -188,15 +188,13 @@ fn a_window_opens_while_its_world_model_is_being_read() {
     harness.get_by_label("Reading the world model…");
     assert!(harness.state().session().is_none(), "the session waits for its world model");
     go_on.send(()).unwrap();
-    for _ in 0..500 {
-        harness.step();
-        if harness.query_by_label("Drive").is_some() {
-            break;
-        }
-        std::thread::sleep(Duration::from_millis(2));
-    }
+    wait_for(&mut harness, |harness| harness.state().session().is_some());
+    harness.step();
     harness.get_by_label("Drive");
-    assert!(harness.state().session().is_some(), "and goes on with it");
+}
+
+fn protocol(harness: &Harness<'_, App>) -> Option<Protocol> {
+    harness.state().session().map(|store| store.session().protocol())
 }
 
 #[test]
@@ -211,8 +209,8 @@ fn what_old_workers_have_still_to_say_does_not_reach_another_session() {
     // It is in the inbox when the other session is opened.
     backstage.report(Report::Learned { parameters: world().parameters, n_labels: 40, fit: None });
     backstage.report(Report::Learning(learning(3)));
+    wait_for(&mut harness, |harness| protocol(harness) == Some(Protocol::Drope));
     harness.run_steps(4);
-    assert_eq!(harness.state().session().unwrap().session().protocol(), Protocol::Drope);
     go(&mut harness, Panel::Deploy);
     harness.get_by_label("The planner needs a reward: answer some queries first.");
 }

@@ -66,7 +66,7 @@ fn recordings_that_a_killed_program_left_behind_are_offered() {
     let (mut harness, backstage) = window(dir.path(), None, vec2(1280.0, 800.0), false);
     go(&mut harness, Panel::Record);
     assert!(
-        matches!(&backstage.orders()[..], [Order::Recorder(RecorderCommand::Look(_))]),
+        matches!(&backstage.orders_but_lists()[..], [Order::Recorder(RecorderCommand::Look(_))]),
         "they are sought"
     );
     backstage.report(Report::Unfinished(2));
@@ -74,7 +74,7 @@ fn recordings_that_a_killed_program_left_behind_are_offered() {
     harness.get_by_label("2 recordings survived a program that was ended while driving");
     harness.get_by_label("Keep").click();
     harness.run_steps(2);
-    let orders = backstage.orders();
+    let orders = backstage.orders_but_lists();
     assert!(matches!(&orders[..], [Order::Recorder(RecorderCommand::Recover(_))]), "{orders:?}");
     backstage.report(Report::Recorded { episode: 4, n_steps: 90 });
     harness.run_steps(2);

@@ -31,6 +31,9 @@ fn lived_in(dir: &Path, theme: Theme, scale: f32) -> (Harness<'static, App>, Bac
 /// Shows `panel` with all that workers have to say of it.
 fn open(harness: &mut Harness<'_, App>, backstage: &Backstage, panel: Panel) {
     go(harness, panel);
+    if panel == Panel::Record {
+        backstage.report(shelf::folder(&[0, 1, 2], None));
+    }
     if panel == Panel::Reward {
         backstage.slots.review.put(review(DreamId(1)));
         backstage.report(Report::Judged(judgement(DreamId(1))));

@@ -8,12 +8,15 @@
 
 mod asking;
 mod cockpit;
+mod foretold;
 mod journeys;
 mod keys;
 mod labeling;
 mod looks;
 mod several;
 mod trajectories;
+mod opening;
+mod shelf;
 
 use std::path::Path;
 use std::sync::{Arc, Mutex};
@@ -56,6 +59,13 @@ impl Backstage {
     /// The orders since the last time.
     fn orders(&self) -> Vec<Order> {
         std::mem::take(&mut *self.orders.lock().unwrap())
+    }
+
+    /// The same, but for looking into the folder of recordings.
+    fn orders_but_lists(&self) -> Vec<Order> {
+        let mut orders = self.orders();
+        orders.retain(|order| !matches!(order, Order::Librarian(_)));
+        orders
     }
 
     fn action(&self) -> Action {
@@ -164,6 +174,7 @@ fn window_at(
     scale: f32,
 ) -> (Harness<'static, App>, Backstage) {
     let backstage = Backstage::default();
+    let has_session = session.is_some();
     let startup = startup(dir, session, &backstage);
     let builder = Harness::builder().with_size(size).with_step_dt(0.04).with_pixels_per_point(scale);
     let builder = if picture { builder.with_render_cursor(false).wgpu() } else { builder };
@@ -172,7 +183,21 @@ fn window_at(
         App::new(cc, startup)
     });
     harness.run_steps(2);
+    if has_session {
+        wait_for(&mut harness, |harness| harness.state().session().is_some());
+        harness.run_steps(1);
+    }
     (harness, backstage)
+}
+
+/// Draws until something has come that a thread is working on.
+fn wait_for(harness: &mut Harness<'_, App>, is_there: impl Fn(&Harness<'_, App>) -> bool) {
+    let since = std::time::Instant::now();
+    while !is_there(harness) {
+        assert!(since.elapsed().as_secs() < 30, "it never came");
+        std::thread::sleep(std::time::Duration::from_millis(1));
+        harness.step();
+    }
 }
 
 /// What a window in a test begins with.

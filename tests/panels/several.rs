@@ -21,6 +21,17 @@ pub(super) fn wait_for(harness: &mut Harness<'_, App>, label: &str) {
     harness.run_steps(2);
 }
 
+/// Goes on until the session in a folder that so ends is open.
+fn wait_until_open(harness: &mut Harness<'_, App>, ending: &str) {
+    let began = Instant::now();
+    while !harness.state().session().is_some_and(|store| store.dir().to_string_lossy().ends_with(ending)) {
+        assert!(began.elapsed() < Duration::from_secs(30), "{ending:?} was never opened");
+        harness.step();
+        std::thread::sleep(Duration::from_millis(2));
+    }
+    harness.run_steps(2);
+}
+
 /// A window with a session of three answers, and another one that ben answered in part.
 fn with_ben(dir: &Path) -> (Harness<'static, App>, PathBuf) {
     let (mut harness, _) = labeling(dir, Protocol::Dropj);
@@ -68,9 +79,8 @@ fn sessions_are_put_together_in_a_new_one() {
     harness.get_by_label("Open it").focus();
     harness.run_steps(2);
     press(&mut harness, Key::Enter);
-    harness.run_steps(2);
+    wait_until_open(&mut harness, "-merged");
     let store = harness.state().session().unwrap();
-    assert!(store.dir().to_string_lossy().ends_with("-merged"), "{:?}", store.dir());
     let annotators: Vec<_> = store.session().annotators().into_iter().collect();
     assert_eq!(annotators, [("anonymous", 3), ("ben", 1)]);
 }
@@ -113,9 +123,8 @@ fn a_session_is_handed_on_to_somebody_else() {
     harness.get_by_label("Hand on").click();
     wait_for(&mut harness, "3 queries wait for Eva M. in");
     harness.get_by_label("Open it").click();
-    harness.run_steps(3);
+    wait_until_open(&mut harness, "-for-Eva-M-");
     let store = harness.state().session().unwrap();
-    assert!(store.dir().to_string_lossy().ends_with("-for-Eva-M-"), "{:?}", store.dir());
     assert_eq!(store.header().config.annotator, "Eva M.");
     assert_eq!(asked(&harness)[..3], before[..3], "the same queries");
     assert!(answers(&harness).is_empty(), "without the answers");

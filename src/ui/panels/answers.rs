@@ -7,7 +7,7 @@ use eframe::egui::{
 
 use crate::query::QueryId;
 use crate::ui::command::{Command, Field};
-use crate::ui::panels::{annotators, asking};
+use crate::ui::panels::{annotators, asking, foretold};
 use crate::ui::state::State;
 use crate::ui::tokens::{self, Tokens};
 use crate::ui::widgets::clip::{Rim, paint_picture};
@@ -52,7 +52,10 @@ fn list_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
             let said = weights.say(&answer.response);
             let is_here = state.label.revisited == Some(answer.query);
             let response = answer_ui(ui, answer.query, &said, is_flagged, is_here, pictures);
-            if response.on_hover_text(format!("{said}\nClick to answer it again")).clicked() {
+            if response.hovered() && state.is_to_be_foretold(answer.query) {
+                commands.push(Command::Foretell(answer.query));
+            }
+            if response.on_hover_ui(|ui| foretold::hover_ui(ui, state, answer.query, &said)).clicked() {
                 commands.push(Command::Revisit(answer.query));
             }
         }

@@ -10,7 +10,7 @@ use crate::ui::command::{Command, Panel};
 use crate::ui::input;
 use crate::ui::keys::Deed;
 use crate::ui::panels::progress::progress_ui;
-use crate::ui::panels::{answers, trajectories};
+use crate::ui::panels::{answers, foretold, trajectories};
 use crate::ui::state::{NORMAL_SPEED, State};
 use crate::ui::tokens::{self, CONTROL, GAP, Tokens};
 use crate::ui::widgets::clip::{Rim, picture_ui, timeline_ui};
@@ -68,7 +68,8 @@ fn is_list_shown(ui: &Ui, state: &State) -> bool {
 fn around(state: &State, width: f32) -> f32 {
     let playback = if is_wide(width) { 0.0 } else { PLAYBACK + ROW_GAP };
     let timeline = 16.0 + ROW_GAP;
-    HEAD + timeline + playback + rows(state) as f32 * (ANSWER + ROW_GAP) + CONTROL + ROW_GAP
+    let foretold = foretold::height(state).map_or(0.0, |height| height + ROW_GAP);
+    HEAD + timeline + foretold + playback + rows(state) as f32 * (ANSWER + ROW_GAP) + CONTROL + ROW_GAP
 }
 
 /// The height of the question, and of the line under it.
@@ -134,6 +135,7 @@ fn query_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
             picture_ui(ui, left.as_ref(), vec2(side, side), "Left clip", empty, left_rim);
             picture_ui(ui, right.as_ref(), vec2(side, side), "Right clip", empty, right_rim);
         });
+        foretold::under_clips_ui(ui, state, if is_single { wide } else { side });
         let width = ui.available_width();
         let outcome = state.shown_transition().map(|(_, outcome)| outcome);
         if let Some(playhead) = timeline_ui(ui, frame, SEGMENT_LEN, width, outcome) {

@@ -59,7 +59,7 @@ fn step(state: &State, panel: Panel) -> (Progress, String) {
     let waiting = |about: &str| (Progress::Waiting, about.to_owned());
     match panel {
         Panel::Record if state.record.is_on => (Progress::Running, "recording".to_owned()),
-        Panel::Record => match state.record.kept.len() {
+        Panel::Record => match state.n_recorded() {
             0 => (Progress::Ready, "if you like".to_owned()),
             n => (Progress::Done, counted(n, "episode")),
         },
@@ -201,8 +201,9 @@ fn session_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
     let is_hot = response.hovered() || response.has_focus();
     let fill = if is_hot { tokens.hovered } else { tokens.here };
     ui.painter().rect_filled(rect, CornerRadius::same(8), fill);
-    let (name, about) = match &state.store {
-        Some(store) => {
+    let (name, about) = match (&state.opening, &state.store) {
+        (Some(opening), _) => (short_name(&opening.name()), format!("opening: {}", opening.progress())),
+        (None, Some(store)) => {
             let name = store.dir().file_name().map(|name| name.to_string_lossy().into_owned());
             (short_name(&name.unwrap_or_default()), format!("{} session", state.protocol().name()))
         }

@@ -7,11 +7,12 @@ use crate::ui::command::{Command, Field};
 use crate::ui::keys::Deed;
 use crate::ui::panels::beside::{dream_beside_ui, drift_ui};
 use crate::ui::panels::dream::{banner, hand_over_button};
+use crate::ui::panels::shelf;
 use crate::ui::state::State;
 use crate::ui::tokens::{self, GAP, Tokens};
 use crate::ui::widgets::clip::{Rim, picture_ui};
 use crate::ui::widgets::field::{field_ui, path_ui};
-use crate::ui::widgets::gauge::{action_ui, figure_ui, row_color_ui, row_ui, wheels_ui};
+use crate::ui::widgets::gauge::{action_ui, figure_ui, row_color_ui, wheels_ui};
 use crate::ui::widgets::keycap::{KeyButton, Tone};
 use crate::ui::widgets::layout::{beside_picture, heading, titled_card, with_side};
 
@@ -31,6 +32,9 @@ pub(super) fn record_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>)
 }
 
 fn stage_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
+    if state.is_watching() {
+        return shelf::watch_ui(ui, state, commands);
+    }
     let record = &state.record;
     let live = record.live.as_ref().filter(|_| record.is_on);
     let is_paused = live.is_some_and(|live| live.is_paused);
@@ -92,9 +96,24 @@ fn stage_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
 }
 
 fn aside_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
+    if state.is_watching() {
+        shelf::then_ui(ui, state);
+        shelf::list_ui(ui, state, commands);
+        return;
+    }
+    if state.record.is_on {
+        now_ui(ui, state);
+    } else {
+        where_ui(ui, state, commands);
+        shelf::list_ui(ui, state, commands);
+    }
+    titled_card(ui, "Dream and real", |ui| drift_ui(ui, state, commands));
+}
+
+/// The step that is driven, and how well the clock keeps.
+fn now_ui(ui: &mut Ui, state: &State) {
     let tokens = Tokens::of(ui);
-    let record = &state.record;
-    let live = record.live.as_ref().filter(|_| record.is_on);
+    let live = state.record.live.as_ref();
     titled_card(ui, "Now", |ui| {
         let (rate, step) = match live {
             Some(live) => (format!("{:.0}", live.steps_per_sec), live.step.to_string()),
@@ -107,8 +126,7 @@ fn aside_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
         });
         ui.add_space(6.0);
         let planned = live.filter(|live| live.is_planned || live.is_paused).map(|live| live.action);
-        let held = if record.is_on { state.dream.action } else { crate::env::Action::default() };
-        action_ui(ui, planned.unwrap_or(held));
+        action_ui(ui, planned.unwrap_or(state.dream.action));
         let n_late = live.map_or(0, |live| live.n_late);
         row_color_ui(
             ui,
@@ -120,20 +138,13 @@ fn aside_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
             wheels_ui(ui, n);
         }
     });
-    titled_card(ui, "Dream and real", |ui| drift_ui(ui, state, commands));
+}
+
+/// The folder, and the track that is driven next.
+fn where_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
     titled_card(ui, "Where", |ui| {
-        ui.add_enabled_ui(!record.is_on, |ui| {
-            path_ui(ui, state, Field::Dataset, "Folder of recordings", commands);
-            field_ui(ui, state, Field::RecordSeed, "Seed of the track", commands);
-        });
+        path_ui(ui, state, Field::Dataset, "Folder of recordings", commands);
+        field_ui(ui, state, Field::RecordSeed, "Seed of the track", commands);
         ui.label(tokens::small(ui, "LeRobot v3: other programs can open it"));
-    });
-    titled_card(ui, "Kept now", |ui| {
-        if record.kept.is_empty() {
-            ui.label(tokens::muted(ui, "Nothing yet."));
-        }
-        for (episode, n_steps) in record.kept.iter().rev().take(12) {
-            row_ui(ui, &format!("Episode {episode}"), format!("{n_steps} steps"));
-        }
     });
 }

@@ -8,6 +8,7 @@ use crate::ui::act::counted;
 use crate::ui::command::Command;
 use crate::ui::input;
 use crate::ui::keys::Deed;
+use crate::ui::playhead::Playhead;
 use crate::ui::review::resting;
 use crate::ui::state::State;
 use crate::ui::tokens::{self, GAP, Tokens};
@@ -25,7 +26,7 @@ pub(super) fn review_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>)
     strip(ui, state, id, 62.0, commands);
     ui.horizontal(|ui| {
         ui.spacing_mut().item_spacing.x = 6.0;
-        playing_ui(ui, state, commands);
+        moving_ui(ui, state, commands);
         let button = KeyButton::new("Delete").key(Key::Delete).tone(Tone::Quiet).small();
         let response = button.show(ui).on_hover_text(resting(state, id).unwrap_or_else(|| {
             "Nothing is asked about it any more; its file stays, so that it can be brought back".to_owned()
@@ -56,7 +57,7 @@ pub(super) fn judged_ui(ui: &mut Ui, state: &State, height: f32, commands: &mut 
         ui.spacing_mut().item_spacing.y = 4.0;
         ui.horizontal(|ui| {
             ui.spacing_mut().item_spacing.x = 2.0;
-            playing_ui(ui, state, commands);
+            moving_ui(ui, state, commands);
             name_ui(ui, state);
         });
         let rest = right.bottom() - ui.cursor().top() - 4.0;
@@ -92,20 +93,25 @@ fn strip(ui: &mut Ui, state: &State, id: DreamId, height: f32, commands: &mut Ve
         marks: &episode.unsafe_marks,
         planned: &episode.planned,
         asked: &asked,
+        off: &[],
     };
     if let Some(step) = strip_ui(ui, strip, height) {
         commands.push(Command::Scrub(step));
     }
 }
 
-/// Which dream, and going through it.
-fn playing_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
-    let review = &state.review;
-    let name = if review.is_playing { "Stop" } else { "Play" };
+/// Going through what is looked at.
+pub(super) fn playing_ui(
+    ui: &mut Ui,
+    state: &State,
+    head: Playhead,
+    step: usize,
+    commands: &mut Vec<Command>,
+) {
+    let name = if head.is_playing { "Stop" } else { "Play" };
     if KeyButton::new(name).key(state.keys.of(Deed::Pause)).small().is_pressed(ui) {
         commands.push(Command::PlayReview);
     }
-    let step = review.step();
     for (name, deed, to) in
         [("Back", Deed::Back, step.saturating_sub(1)), ("On", Deed::Forward, step.saturating_add(1))]
     {
@@ -114,18 +120,34 @@ fn playing_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
             commands.push(Command::Scrub(to));
         }
     }
-    let all = state.reviewable();
-    let here = all.iter().position(|id| Some(*id) == review.dream);
-    for (name, key, by, is_there) in [
-        ("Dream before", Key::PageUp, -1, here.is_some_and(|here| here > 0)),
-        ("Dream after", Key::PageDown, 1, here.is_some_and(|here| here + 1 < all.len())),
-    ] {
+}
+
+/// Going to the one before and the one after, where there is one.
+pub(super) fn neighbors_ui(
+    ui: &mut Ui,
+    noun: &str,
+    has_before: bool,
+    has_after: bool,
+    commands: &mut Vec<Command>,
+) {
+    for (name, key, by, is_there) in
+        [("before", Key::PageUp, -1, has_before), ("after", Key::PageDown, 1, has_after)]
+    {
         let button = KeyButton::new(if by < 0 { "‹" } else { "›" }).tone(Tone::Quiet).small();
-        let response = button.enabled(is_there).show(ui).on_hover_text(name);
+        let response = button.enabled(is_there).show(ui).on_hover_text(format!("{noun} {name}"));
         if is_there && (response.clicked() || input::pressed(ui, key)) {
             commands.push(Command::ReviewNext(by));
         }
     }
+}
+
+/// Going through the dream, and to others.
+fn moving_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
+    playing_ui(ui, state, state.review.head, state.review.step(), commands);
+    let all = state.reviewable();
+    let here = all.iter().position(|id| Some(*id) == state.review.dream);
+    let has_after = here.is_some_and(|here| here + 1 < all.len());
+    neighbors_ui(ui, "Dream", here.is_some_and(|here| here > 0), has_after, commands);
 }
 
 /// Which dream it is, and who drove it.

@@ -77,6 +77,9 @@ fn jobs(state: &State) -> Vec<String> {
     if state.world.loading.is_some() {
         jobs.push("reading the world model".to_owned());
     }
+    if let Some(opening) = &state.opening {
+        jobs.push(format!("session: {}", opening.progress()));
+    }
     if let Some(progress) = state.world.fit.as_ref().and_then(|fit| fit.progress.as_ref()) {
         jobs.push(format!("world model: epoch {} of {}", progress.epoch + 1, progress.max_epochs));
     } else if state.world.fit.is_some() {

@@ -23,6 +23,8 @@ pub(crate) struct Strip<'a> {
     pub planned: &'a [Range<usize>],
     /// Clips that were asked about.
     pub asked: &'a [Range<usize>],
+    /// Steps off the road, where that is known.
+    pub off: &'a [Range<usize>],
 }
 
 /// Draws it and says to which step a hand has moved.
@@ -90,6 +92,9 @@ fn lanes(ui: &Ui, inner: Rect, strip: Strip<'_>, x: &dyn Fn(f32) -> f32) {
     lane(&(0..strip.len), inner.bottom() - 4.0, 4.0, tokens.border);
     for range in strip.planned {
         lane(range, inner.bottom() - 4.0, 4.0, tokens.accent);
+    }
+    for range in strip.off {
+        lane(range, inner.top(), 4.0, tokens.bad);
     }
     for mark in strip.marks {
         let tip = pos2(x(*mark as f32), inner.top() + 5.0);

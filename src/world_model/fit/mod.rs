@@ -162,9 +162,9 @@ pub enum FitError {
     )]
     Others {
         /// At its beginning.
-        began: Terms,
+        began: Box<Terms>,
         /// At present.
-        now: Terms,
+        now: Box<Terms>,
     },
     /// Too few recordings.
     #[error("a world model needs at least two recorded episodes, one of them held out; there are {0}")]
@@ -185,12 +185,28 @@ pub struct Terms {
     pub held_out: f64,
     /// Of the draw.
     pub seed: u64,
+    /// Which episodes, and in which order; fits that were begun before this was noted say nothing.
+    #[serde(default)]
+    pub recordings: String,
+}
+
+impl Terms {
+    /// Whether what was begun on these terms can go on under `now`.
+    fn permit(&self, now: &Self) -> bool {
+        let recordings = if self.recordings.is_empty() { &now.recordings } else { &self.recordings };
+        Self { recordings: recordings.clone(), ..self.clone() } == *now
+    }
 }
 
 impl fmt::Display for Terms {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { env, n_episodes, held_out, seed } = self;
-        write!(f, "{n_episodes} episodes of {env} ({:.0} % held out, seed {seed})", 100.0 * held_out)
+        let Self { env, n_episodes, held_out, seed, recordings } = self;
+        write!(f, "{n_episodes} episodes of {env} ({:.0} % held out, seed {seed}", 100.0 * held_out)?;
+        // A few digits tell them apart.
+        match recordings.get(..8) {
+            Some(which) => write!(f, ", recordings {which})"),
+            None => f.write_str(")"),
+        }
     }
 }
 
@@ -209,9 +225,12 @@ pub fn fit_world(
     if n < 2 {
         return Err(FitError::TooFew(n));
     }
-    let now = Terms { env: config.env.clone(), n_episodes: n, held_out: fit.held_out, seed: fit.seed };
-    match run.recall("terms")? {
-        Some(began) if began != now => return Err(FitError::Others { began, now }),
+    let (env, recordings) = (config.env.clone(), dataset.fingerprint());
+    let now = Terms { env, n_episodes: n, held_out: fit.held_out, seed: fit.seed, recordings };
+    match run.recall::<Terms>("terms")? {
+        Some(began) if !began.permit(&now) => {
+            return Err(FitError::Others { began: Box::new(began), now: Box::new(now) });
+        }
         Some(_) => {}
         None => run.note("terms", &now)?,
     }

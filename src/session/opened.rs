@@ -1,0 +1,41 @@
+//! A session with all that its files hold: the slow part of opening one.
+
+use std::ops::ControlFlow;
+
+use crate::dream::DreamEpisode;
+use crate::query::DreamId;
+use crate::session::{SessionError, SessionStore, UnfinishedDream};
+use crate::tensor::Parameters;
+
+/// A session, and what is in its files.
+pub struct OpenedSession {
+    /// The session.
+    pub store: SessionStore,
+    /// Its dreams, or why they cannot be read; deleted ones are left out.
+    pub dreams: Vec<(DreamId, Result<DreamEpisode, SessionError>)>,
+    /// The reward that was learned last.
+    pub reward: Result<Option<Parameters>, SessionError>,
+    /// Dreams whose program ended before they did.
+    pub unfinished: Result<Vec<UnfinishedDream>, SessionError>,
+}
+
+impl OpenedSession {
+    /// Reads all that the session in `store` holds.
+    ///
+    /// `report` is told how many dreams of how many are read, and may end it; then there is nothing.
+    pub fn read(
+        store: SessionStore,
+        report: &mut dyn FnMut(usize, usize) -> ControlFlow<()>,
+    ) -> Option<Self> {
+        let lens = store.session().dream_lens();
+        let mut dreams = Vec::with_capacity(lens.len());
+        for (n_read, (id, _)) in lens.iter().enumerate() {
+            if report(n_read, lens.len()).is_break() {
+                return None;
+            }
+            dreams.push((*id, store.dream(*id)));
+        }
+        let (reward, unfinished) = (store.reward(), store.unfinished_dreams());
+        Some(Self { store, dreams, reward, unfinished })
+    }
+}

@@ -1,0 +1,105 @@
+//! What the members of a reward say of steps that were driven: of dreams, of clips and of real episodes alike.
+
+use tch::Kind;
+
+use crate::env::Action;
+use crate::reward::{
+    LearnedReward, RewardEnsemble, RewardError, RewardModel as _, SparseReward, scaled_actions_tensor,
+};
+use crate::tensor::{Parameters, from_slice, to_vec};
+use crate::world_model::actions_tensor;
+
+/// A reward of either kind, whose members can be heard one by one.
+pub(super) enum Jury {
+    /// Learned from pairs of clips.
+    Preferences(RewardEnsemble),
+    /// Learned from single transitions.
+    Verdicts(SparseReward),
+}
+
+impl Jury {
+    /// The reward in `parameters`, which must have been learned with the world model whose hash is `wanted`.
+    pub(super) fn load(parameters: &Parameters, wanted: &str) -> Result<Self, RewardError> {
+        if SparseReward::is_in(parameters) {
+            let reward = SparseReward::load(parameters)?;
+            if reward.world_model() != wanted {
+                let found = reward.world_model().to_owned();
+                return Err(RewardError::OtherWorldModel { found, wanted: wanted.to_owned() });
+            }
+            return Ok(Self::Verdicts(reward));
+        }
+        let reward = RewardEnsemble::load(parameters)?;
+        reward.require(wanted)?;
+        Ok(Self::Preferences(reward))
+    }
+
+    /// The same reward as a planner is given it.
+    pub(super) fn frozen(&self) -> LearnedReward {
+        match self {
+            Self::Preferences(reward) => LearnedReward::Preferences(reward.frozen()),
+            Self::Verdicts(reward) => LearnedReward::Verdicts(reward.frozen()),
+        }
+    }
+
+    /// What the reward is of each step, whose `features` are one row each, and what each member says of it alone.
+    pub(super) fn hear(&self, features: &[f32], actions: &[Action]) -> (Vec<f32>, Vec<Vec<f32>>) {
+        let rows = from_slice(features, &[actions.len() as i64, -1]);
+        let scaled = scaled_actions_tensor(actions);
+        let (rewards, members) = match self {
+            Self::Preferences(reward) => {
+                let members = reward.member_rewards(&rows, &scaled); // [E, T]
+                (members.mean_dim(0, false, Kind::Float), members.unbind(0))
+            }
+            Self::Verdicts(reward) => tch::no_grad(|| {
+                let chances = reward.chances(&rows, &actions_tensor(actions)); // [E, T, 3]
+                let members =
+                    (0..chances.size()[0]).map(|e| SparseReward::expected(&chances.narrow(0, e, 1)));
+                (reward.rewards(&rows, &scaled), members.collect())
+            }),
+        };
+        (to_vec(&rewards), members.iter().map(to_vec).collect())
+    }
+
+    /// The reward of each step, the lowest that a member says, and the highest.
+    pub(super) fn appraise(&self, features: &[f32], actions: &[Action]) -> [Vec<f32>; 3] {
+        let (rewards, members) = self.hear(features, actions);
+        let all = |pick: fn(f32, f32) -> f32| -> Vec<f32> {
+            let at = |t: usize| members.iter().map(|member| member[t]).reduce(pick).unwrap_or_default();
+            (0..rewards.len()).map(at).collect()
+        };
+        let (low, high) = (all(f32::min), all(f32::max));
+        [rewards, low, high]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use rand::SeedableRng as _;
+    use rand_chacha::ChaCha8Rng;
+
+    use super::*;
+    use crate::reward::{RewardConfig, SparseConfig};
+
+    #[test]
+    fn rewards_of_either_kind_are_heard_member_by_member() {
+        let rng = &mut ChaCha8Rng::seed_from_u64(0);
+        let preferences = RewardEnsemble::new(4, "model", RewardConfig::tiny(), rng).parameters();
+        let verdicts = SparseReward::new(4, "model", SparseConfig::tiny(), rng).parameters();
+        let features: Vec<f32> = (0..20).map(|i| (i as f32).sin()).collect();
+        let actions: Vec<Action> = (0..5).map(|t| Action::new(0.2 * t as f32, 0.5, 0.0)).collect();
+        for parameters in [preferences, verdicts] {
+            assert!(Jury::load(&parameters, "another").is_err());
+            let jury = Jury::load(&parameters, "model").unwrap();
+            let (rewards, members) = jury.hear(&features, &actions);
+            let scaled = scaled_actions_tensor(&actions);
+            let by_hand = to_vec(&jury.frozen().rewards(&from_slice(&features, &[5, 4]), &scaled));
+            let gap = |a: &[f32], b: &[f32]| a.iter().zip(b).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+            // Frozen ones compute in whatever is quickest.
+            assert!(gap(&rewards, &by_hand) < 0.02, "{rewards:?} and {by_hand:?}");
+            assert!(members.len() > 1 && members.iter().all(|member| member.len() == 5), "{members:?}");
+            let [_, low, high] = jury.appraise(&features, &actions);
+            let lowest = members.iter().map(|member| member[2]).fold(f32::INFINITY, f32::min);
+            assert!(low[2] == lowest && low.iter().zip(&high).all(|(low, high)| low < high));
+        }
+    }
+}

@@ -1,0 +1,405 @@
+//! Lists recorded episodes, opens them step by step with what the reward says of them, and deletes them.
+//!
+//! One episode is in memory at a time, however many there are. What the reward says of it is found a few steps at a
+//! time, in the moments in which nothing is asked.
+
+use std::collections::VecDeque;
+use std::ops::Range;
+use std::path::Path;
+use std::sync::mpsc::{Receiver, TryRecvError};
+use std::time::Duration;
+
+use crate::dataset::{Dataset, DatasetError, Episode};
+use crate::dream::Rows;
+use crate::tensor::{Parameters, to_vec};
+use crate::worker::appraisal::Jury;
+use crate::worker::{
+    EpisodeView, Latest, LibrarianCommand, OpenEpisode, Report, Reports, Shelf, Worker, one_thread,
+};
+use crate::world_model::{Memory, State, WorldModel, actions_tensor};
+
+const NAME: &str = "librarian";
+/// Steps that are looked at by the world model before another command is heard.
+const CHUNK: usize = 20;
+/// How long and how often a dataset is waited for that somebody else has open: the recorder looks into it, too.
+const PATIENCE: (Duration, usize) = (Duration::from_millis(50), 20);
+
+/// Starts a thread that shows steps of recorded episodes in `view`.
+pub fn spawn(view: Latest<EpisodeView>, reports: &Reports) -> Worker<LibrarianCommand> {
+    Worker::spawn(NAME, reports, move |commands, reports| {
+        keep(&commands, &reports, &view);
+        Ok(())
+    })
+}
+
+/// The body of the thread.
+pub fn keep(commands: &Receiver<LibrarianCommand>, reports: &Reports, view: &Latest<EpisodeView>) {
+    one_thread();
+    let mut librarian = Librarian { reports, view, judge: None, open: None };
+    let mut waiting = VecDeque::new();
+    loop {
+        let command = waiting.pop_front().or_else(|| match commands.try_recv() {
+            Ok(command) => Some(command),
+            Err(TryRecvError::Disconnected) => None,
+            // Nothing is asked: there is time to judge, if there is anything to be judged.
+            Err(TryRecvError::Empty) => {
+                while librarian.judge_on() {
+                    if let Ok(command) = commands.try_recv() {
+                        return Some(command);
+                    }
+                }
+                commands.recv().ok()
+            }
+        });
+        let Some(command) = command else { return };
+        waiting.extend(commands.try_iter());
+        // Of steps that a hand passes over quickly, only the last is drawn; of folders that are typed, the last is read.
+        let is_overtaken = match command {
+            LibrarianCommand::Look(_) => waiting
+                .iter()
+                .any(|later| matches!(later, LibrarianCommand::Look(_) | LibrarianCommand::Open { .. })),
+            LibrarianCommand::List(_) => {
+                waiting.iter().any(|later| matches!(later, LibrarianCommand::List(_)))
+            }
+            _ => false,
+        };
+        if is_overtaken {
+            continue;
+        }
+        if let Err(e) = librarian.hear(command) {
+            reports.fail(NAME, e);
+        }
+    }
+}
+
+/// What the thread owns.
+struct Librarian<'a> {
+    reports: &'a Reports,
+    view: &'a Latest<EpisodeView>,
+    judge: Option<(WorldModel, Jury)>,
+    open: Option<Open>,
+}
+
+/// The episode that is looked at.
+struct Open {
+    recording: String,
+    episode: Episode,
+    /// What the world model made of the steps so far, and its memory after them.
+    features: Rows,
+    memory: Option<Memory>,
+    is_judged: bool,
+}
+
+impl Librarian<'_> {
+    fn hear(&mut self, command: LibrarianCommand) -> Result<(), String> {
+        match command {
+            LibrarianCommand::List(dataset) => self.list(&dataset).map_err(|e| e.to_string()),
+            LibrarianCommand::Open { dataset, recording } => {
+                self.open = None;
+                let opened = open(&dataset, &recording).map_err(|e| e.to_string());
+                let episode = match opened {
+                    Ok(episode) => episode,
+                    // The list that it was chosen from may be an old one.
+                    Err(e) => return self.list(&dataset).map_err(|e| e.to_string()).and(Err(e)),
+                };
+                self.reports.send(Report::Opened(OpenEpisode {
+                    recording: recording.clone(),
+                    actions: episode.actions.clone(),
+                    rewards: episode.rewards.clone(),
+                    grass: stretches(&episode.grass),
+                    planned: episode.planned.clone(),
+                }));
+                let features = Rows { width: 0, values: Vec::new() };
+                self.open = Some(Open { recording, episode, features, memory: None, is_judged: false });
+                self.look(0);
+                Ok(())
+            }
+            LibrarianCommand::Look(step) => {
+                self.look(step);
+                Ok(())
+            }
+            LibrarianCommand::Judge(None) => {
+                self.judge = None;
+                Ok(())
+            }
+            LibrarianCommand::Judge(Some((model, reward))) => self.judge_by(model, &reward),
+            LibrarianCommand::Close => {
+                self.open = None;
+                Ok(())
+            }
+            LibrarianCommand::Delete { dataset, recording } => {
+                if self.open.as_ref().is_some_and(|open| open.recording == recording) {
+                    self.open = None;
+                }
+                let deleted = change(&dataset, |dataset| match dataset.find(&recording) {
+                    Some(idx) => dataset.delete(idx),
+                    None => Ok(()),
+                });
+                self.tell(&dataset, deleted)
+            }
+            LibrarianCommand::BringBack(dataset) => {
+                let back = change(&dataset, |dataset| dataset.bring_back().map(drop));
+                self.tell(&dataset, back)
+            }
+        }
+    }
+
+    /// Lists the dataset after a change, however that went.
+    fn tell(&self, dataset: &Path, changed: Result<(), DatasetError>) -> Result<(), String> {
+        let listed = self.list(dataset);
+        changed.and(listed).map_err(|e| e.to_string())
+    }
+
+    fn list(&self, dir: &Path) -> Result<(), DatasetError> {
+        if Dataset::is_torn(dir) {
+            // A killed program left it so. Where somebody records, that can wait.
+            change(dir, |_| Ok(())).unwrap_or_else(|e| log::warn!("{e}"));
+        }
+        let dataset = Dataset::look(dir)?;
+        self.reports.send(Report::Shelf(Shelf {
+            dataset: dir.to_owned(),
+            episodes: dataset.summaries().collect(),
+            damaged: dataset.damaged().iter().map(ToString::to_string).collect(),
+            deleted: dataset.deleted(),
+        }));
+        Ok(())
+    }
+
+    fn look(&self, step: usize) {
+        let Some(open) = &self.open else { return };
+        let step = step.min(open.episode.actions.len().saturating_sub(1));
+        let Some(frame) = open.episode.frames.get(step) else { return };
+        self.view.put(EpisodeView { recording: open.recording.clone(), step, frame: frame.clone() });
+        self.reports.wake();
+    }
+
+    fn judge_by(&mut self, model: Parameters, reward: &Parameters) -> Result<(), String> {
+        let known = self.judge.take().map(|(model, _)| model).filter(|known| known.hash() == model.hash());
+        if known.is_none()
+            && let Some(open) = &mut self.open
+        {
+            (open.features.values, open.memory) = (Vec::new(), None);
+        }
+        let model = match known {
+            Some(known) => known,
+            None => WorldModel::load(model).map_err(|e| e.to_string())?,
+        };
+        let jury = Jury::load(reward, &model.hash()).map_err(|e| e.to_string())?;
+        self.judge = Some((model, jury));
+        if let Some(open) = &mut self.open {
+            open.is_judged = false;
+        }
+        Ok(())
+    }
+
+    /// Goes on judging the open episode, and says whether there is more to do.
+    fn judge_on(&mut self) -> bool {
+        let (Some((model, jury)), Some(open)) = (&self.judge, &mut self.open) else { return false };
+        let Open { episode, features, memory, .. } = open;
+        // A model of another world has nothing to say.
+        let is_seen = episode.info.env == model.config().env
+            && episode.frames.first().is_some_and(|frame| frame.side() as i64 == model.config().vae.side);
+        if open.is_judged || !is_seen {
+            return false;
+        }
+        features.width = model.config().n_features() as usize;
+        let (from, n) = (features.len(), episode.actions.len());
+        let steps = from..n.min(from + CHUNK);
+        if steps.is_empty() {
+            let rewards = jury.appraise(&features.values, &episode.actions);
+            self.reports.send(Report::JudgedEpisode { recording: open.recording.clone(), rewards });
+            open.is_judged = true;
+            return false;
+        }
+        let zs = model.observe(&episode.frames[steps.clone()]);
+        for (row, t) in steps.enumerate() {
+            let memory_then = memory.take().unwrap_or_else(|| model.no_memory(1));
+            let state = State { z: zs.narrow(0, row as i64, 1), memory: memory_then };
+            features.push(&to_vec(&state.features()));
+            *memory = Some(model.remember(&state, &actions_tensor(&episode.actions[t..=t])));
+        }
+        true
+    }
+}
+
+fn open(dataset: &Path, recording: &str) -> Result<Episode, DatasetError> {
+    let dataset = Dataset::open(dataset)?;
+    let idx =
+        dataset.find(recording).ok_or_else(|| DatasetError::Moved { path: dataset.dir().to_owned() })?;
+    dataset.episode(idx)
+}
+
+/// Opens a dataset for `change`, waiting for it where somebody else has it open for a moment.
+fn change(
+    dir: &Path,
+    change: impl FnOnce(&mut Dataset) -> Result<(), DatasetError>,
+) -> Result<(), DatasetError> {
+    let there = Dataset::look(dir)?;
+    let env = there.env().map(str::to_owned).or(there.deleted().map(|deleted| deleted.info.env));
+    let Some(env) = env else { return Err(DatasetError::Missing { path: dir.to_owned() }) };
+    let mut tries = 0;
+    loop {
+        match Dataset::create_or_open(dir, &env) {
+            Err(DatasetError::Busy { .. }) if tries < PATIENCE.1 => {
+                tries += 1;
+                std::thread::sleep(PATIENCE.0);
+            }
+            opened => return change(&mut opened?),
+        }
+    }
+}
+
+/// The steps that are `true`, as stretches.
+fn stretches(is: &[bool]) -> Vec<Range<usize>> {
+    let mut at = 0;
+    let all = is.chunk_by(PartialEq::eq).map(|stretch| {
+        at += stretch.len();
+        (stretch[0], at - stretch.len()..at)
+    });
+    all.filter_map(|(is, range)| is.then_some(range)).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use rand::SeedableRng as _;
+    use rand_chacha::ChaCha8Rng;
+
+    use super::*;
+    use crate::dataset::{EpisodeInfo, StepRecord, Summary};
+    use crate::env::{Action, Frame};
+    use crate::reward::{RewardConfig, RewardEnsemble};
+    use crate::worker::toy;
+
+    /// A dataset of episodes of so many steps, made by the toy world of the tests.
+    fn dataset(dir: &Path, lens: &[usize]) {
+        let side = toy::model().config().vae.side as u32;
+        let frame = |t: usize| Frame::new(side, vec![t as u8; (3 * side * side) as usize]);
+        let mut dataset = Dataset::create_or_open(dir, "dummy-road").unwrap();
+        for (seed, &len) in lens.iter().enumerate() {
+            let info =
+                EpisodeInfo { env: "dummy-road".to_owned(), pilot: "test".to_owned(), seed: seed as u64 };
+            let mut recording = dataset.begin(info).unwrap();
+            for t in 0..len {
+                let step = StepRecord {
+                    frame: frame(t),
+                    action: Action::new((t as f32).sin(), 0.5, 0.0),
+                    reward: 1.0,
+                    grass: (3..7).contains(&t),
+                    contacts: None,
+                    wall_time_ns: 1_795_342_500_000_000_000 + t as i64,
+                };
+                recording.push(&step).unwrap();
+            }
+            dataset.seal(recording, &frame(len), false).unwrap();
+        }
+    }
+
+    struct Desk {
+        inbox: Receiver<Report>,
+        view: Latest<EpisodeView>,
+        worker: Worker<LibrarianCommand>,
+    }
+
+    impl Desk {
+        fn new() -> Self {
+            let ((reports, inbox), view) = (Reports::new(|| ()), Latest::default());
+            let worker = spawn(view.clone(), &reports);
+            Self { inbox, view, worker }
+        }
+
+        fn ask(&self, command: LibrarianCommand) -> Report {
+            self.worker.send(command);
+            self.inbox.recv_timeout(Duration::from_mins(1)).unwrap()
+        }
+
+        fn list(&self, dir: &Path) -> Shelf {
+            match self.ask(LibrarianCommand::List(dir.to_owned())) {
+                Report::Shelf(shelf) => shelf,
+                other => panic!("{other:?}"),
+            }
+        }
+    }
+
+    #[test]
+    fn an_episode_is_opened_and_judged_step_by_step() {
+        let dir = tempfile::tempdir().unwrap();
+        dataset(dir.path(), &[5, 50]);
+        let desk = Desk::new();
+        let shelf = desk.list(dir.path());
+        let [_, Summary { number: 1, n_steps: 50, grass, began_secs, recording, .. }] = &shelf.episodes[..]
+        else {
+            panic!("{shelf:?}")
+        };
+        assert_eq!((*grass, *began_secs), (0.08, 1_795_342_500), "4 of 50 steps");
+
+        let model = toy::model();
+        let rng = &mut ChaCha8Rng::seed_from_u64(0);
+        let ensemble = RewardEnsemble::new(36, &model.hash(), RewardConfig::tiny(), rng);
+        let judge = Some((model.parameters().clone(), ensemble.parameters()));
+        desk.worker.send(LibrarianCommand::Judge(judge));
+        let open = LibrarianCommand::Open { dataset: dir.path().to_owned(), recording: recording.clone() };
+        let Report::Opened(opened) = desk.ask(open) else { panic!("another report") };
+        assert_eq!((opened.actions.len(), opened.grass.first()), (50, Some(&(3..7))));
+        let Report::JudgedEpisode { rewards: [mean, low, high], .. } = desk.inbox.recv().unwrap() else {
+            panic!("another report")
+        };
+
+        // By hand, all at once: what is observed, and a memory that begins empty.
+        let episode = Dataset::open(dir.path()).unwrap().episode(1).unwrap();
+        let mut features = Rows { width: 36, values: Vec::new() };
+        let mut memory = model.no_memory(1);
+        for (frame, action) in episode.frames.iter().zip(&episode.actions) {
+            let state = State { z: model.observe(std::slice::from_ref(frame)), memory };
+            features.push(&to_vec(&state.features()));
+            memory = model.remember(&state, &actions_tensor(&[*action]));
+        }
+        let by_hand = Jury::Preferences(ensemble).appraise(&features.values, &episode.actions);
+        let gap = |a: &[f32], b: &[f32]| a.iter().zip(b).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+        assert_eq!(mean.len(), 50);
+        for (said, expected) in [mean, low, high].iter().zip(&by_hand) {
+            assert!(gap(said, expected) < 1e-4, "a batch rounds differently, but little");
+        }
+
+        desk.worker.send(LibrarianCommand::Look(7));
+        desk.worker.send(LibrarianCommand::Look(30));
+        let mut seen = None;
+        while seen.as_ref().is_none_or(|view: &EpisodeView| view.step != 30) {
+            seen = desk.view.take().or(seen);
+            std::thread::yield_now();
+        }
+        assert_eq!(seen.map(|view| view.frame), Some(episode.frames[30].clone()));
+    }
+
+    #[test]
+    fn what_is_deleted_is_gone_and_comes_back_last() {
+        let dir = tempfile::tempdir().unwrap();
+        dataset(dir.path(), &[5, 6, 7]);
+        let desk = Desk::new();
+        let recording = desk.list(dir.path()).episodes[0].recording.clone();
+        let delete = LibrarianCommand::Delete { dataset: dir.path().to_owned(), recording };
+        let lens = |report: Report| match report {
+            Report::Shelf(shelf) => shelf.episodes.iter().map(|it| it.n_steps).collect::<Vec<_>>(),
+            other => panic!("{other:?}"),
+        };
+        assert_eq!(lens(desk.ask(delete)), [6, 7]);
+        assert_eq!(lens(desk.ask(LibrarianCommand::BringBack(dir.path().to_owned()))), [6, 7, 5]);
+    }
+
+    #[test]
+    fn nothing_is_deleted_from_a_folder_that_is_recorded_into() {
+        let dir = tempfile::tempdir().unwrap();
+        dataset(dir.path(), &[5, 6]);
+        let desk = Desk::new();
+        let recording = desk.list(dir.path()).episodes[0].recording.clone();
+        let held = Dataset::create_or_open(dir.path(), "dummy-road").unwrap();
+        let delete =
+            || LibrarianCommand::Delete { dataset: dir.path().to_owned(), recording: recording.clone() };
+        let Report::Shelf(shelf) = desk.ask(delete()) else { panic!("another report") };
+        assert_eq!(shelf.episodes.len(), 2, "both are there");
+        let Report::Failed { message, .. } = desk.inbox.recv().unwrap() else { panic!("another report") };
+        assert!(message.contains("recording into the dataset"), "{message}");
+        drop(held);
+        let Report::Shelf(shelf) = desk.ask(delete()) else { panic!("another report") };
+        assert_eq!(shelf.episodes.len(), 1);
+    }
+}

@@ -1,0 +1,84 @@
+//! Opening sessions of many dreams while the window goes on.
+
+use super::*;
+
+/// A session of the questions of `protocol` with so many dreams, in a folder of this name.
+fn dreamed(dir: &Path, name: &str, protocol: Protocol, n_dreams: usize) {
+    let header = Header::new("dummy-road", protocol, 5, &world().parameters.hash(), 1_795_342_500_000);
+    let mut store = SessionStore::create(&dir.join(name), header).unwrap();
+    for _ in 0..n_dreams {
+        store.save_dream(&dream(30), DreamSource::User).unwrap();
+    }
+}
+
+fn open(harness: &mut Harness<'_, App>, name: &str) {
+    harness.get_by_label("Sessions…").click();
+    harness.run_steps(10);
+    harness.get_by_label(name).click();
+    harness.run_steps(2);
+}
+
+fn name(harness: &Harness<'_, App>) -> Option<String> {
+    let store = harness.state().session()?;
+    Some(store.dir().file_name()?.to_string_lossy().into_owned())
+}
+
+#[test]
+#[cfg(unix)]
+fn the_window_goes_on_while_a_session_is_opened_and_another_overtakes_it() {
+    let dir = tempfile::tempdir().unwrap();
+    dreamed(dir.path(), "long", Protocol::Drope, 5);
+    dreamed(dir.path(), "short", Protocol::Drop, 1);
+    // A pipe is as slow as a disk can be: nothing comes of it until somebody writes.
+    let slow = dir.path().join("long/dreams/0002.safetensors");
+    let bytes = std::fs::read(&slow).unwrap();
+    std::fs::remove_file(&slow).unwrap();
+    assert!(std::process::Command::new("mkfifo").arg(&slow).status().unwrap().success());
+
+    let (mut harness, backstage) = window(dir.path(), None, vec2(1280.0, 800.0), false);
+    open(&mut harness, "long");
+    wait_for(&mut harness, |harness| {
+        harness.query_by_label_contains("session: 2 of 5 dreams read").is_some()
+    });
+    assert_eq!(name(&harness), None, "it is being read");
+    harness.run_steps(3);
+    press(&mut harness, Key::Enter);
+    harness.get_by_label("One moment: the session is being opened");
+    assert!(!backstage.orders().iter().any(|order| matches!(order, Order::Dreamer(_))));
+
+    open(&mut harness, "short");
+    std::fs::write(&slow, &bytes).unwrap();
+    wait_for(&mut harness, |harness| name(harness).is_some());
+    assert_eq!(name(&harness).as_deref(), Some("short"), "the last one counts");
+    assert_eq!(harness.state().panel(), Panel::Label);
+    harness.run_steps(2);
+    assert!(harness.query_by_label_contains("session: ").is_none(), "nothing is being opened any more");
+
+    // What was given up does not stand in the way of itself.
+    std::fs::remove_file(&slow).unwrap();
+    std::fs::write(&slow, &bytes).unwrap();
+    backstage.orders();
+    open(&mut harness, "long");
+    open(&mut harness, "short");
+    open(&mut harness, "long");
+    wait_for(&mut harness, |harness| name(harness).as_deref() == Some("long"));
+    harness.run_steps(2);
+    let is_dream = |order: &Order| matches!(order, Order::Trainer(TrainerCommand::AddDream(..)));
+    assert!(backstage.orders().iter().filter(|order| is_dream(order)).count() >= 5, "all are handed on");
+}
+
+#[test]
+fn a_folder_that_holds_no_session_is_said_to_be_none_and_the_present_one_stays() {
+    let dir = tempfile::tempdir().unwrap();
+    let store = session(dir.path(), Protocol::Dropj);
+    let (mut harness, _) = window(dir.path(), Some(store), vec2(1280.0, 800.0), false);
+    let before = name(&harness);
+    harness.get_by_label("Sessions…").click();
+    harness.run_steps(10);
+    // The field names the folder of all sessions.
+    harness.get_by_label("Open").click();
+    harness.run_steps(2);
+    wait_for(&mut harness, |harness| harness.query_by_label_contains("session's header").is_some());
+    assert_eq!(name(&harness), before);
+    assert!(before.is_some());
+}
