@@ -149,6 +149,10 @@ fn names(protocols: &[Protocol]) -> String {
 
 /// Carries out what was asked.
 pub(crate) fn run(cli: Cli) -> anyhow::Result<()> {
+    if cli.command.is_some() {
+        // Whoever reads only the first lines (`| head`) ends the program without a word. A window would end with its screen.
+        sigpipe::reset();
+    }
     match cli.command {
         None => window::run(cli.window),
         Some(Command::Record(options)) => record::run(&options),
