@@ -8,29 +8,33 @@
     reason = "a bench that cannot be set up ends, and one that ran says so"
 )]
 
+use std::ops::ControlFlow;
 use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::time::{Duration, Instant};
 
-use dropj::env::{Aids, CarRacing, Env, Seed};
+use dropj::dream::DreamEpisode;
+use dropj::env::{Action, Aids, CarRacing, Env, Seed};
 use dropj::planner::PlannerConfig;
 use dropj::planner::synthesis::SynthesisConfig;
 use dropj::reward::RewardConfig;
-use dropj::session::SessionStore;
+use dropj::session::{DreamSource, Header, OpenedSession, SessionStore};
 use dropj::tensor::{Parameters, from_slice};
 use dropj::ui::{
     App, Crew as _, DreamStart, FirstWorld, LoadedWorld, NoPads, Panel, Plans, Slots, Startup, Threads,
 };
 use dropj::worker::{Job, Report, Reports, TrainerCommand, trainer};
 use dropj::world_model::fit::FitConfig;
-use dropj::world_model::{WorldModel, WorldModelConfig};
+use dropj::world_model::{LatentState, WorldModel, WorldModelConfig};
 use eframe::egui::{Key, vec2};
 use egui_kittest::Harness;
 use egui_kittest::kittest::Queryable as _;
 
 /// Frames of each panel.
 const N_FRAMES: usize = 300;
+/// Dreams of the session that is opened, each of a thousand steps.
+const N_DREAMS: u64 = 200;
 /// The least time between two, as on a screen of 60 Hz.
 const FRAME: Duration = Duration::from_millis(16);
 
@@ -48,7 +52,7 @@ fn main() {
     let (mut harness, slots) = window(dir.path(), &session, &world);
     harness.step();
     println!("first frame after {:.0} ms", began.elapsed().as_secs_f64() * 1e3);
-    while harness.query_by_label("Drive").is_none() {
+    while harness.query_by_label("Drive").is_none() || harness.state().session().is_none() {
         harness.step();
         std::thread::sleep(FRAME);
     }
@@ -57,6 +61,7 @@ fn main() {
         began.elapsed().as_secs_f64() * 1e3
     );
 
+    opening(&mut harness, dir.path());
     let fitting = {
         let (is_over, n_fits, session, world) =
             (is_over.clone(), n_fits.clone(), session.clone(), world.clone());
@@ -87,6 +92,47 @@ fn main() {
         std::thread::sleep(FRAME);
     }
     println!("fits meanwhile: {}", n_fits.load(Ordering::Relaxed));
+}
+
+/// Opens a session of many dreams, and says how long the window stood still for it.
+fn opening(harness: &mut Harness<'_, App>, sessions: &Path) {
+    let dir = sessions.join("long");
+    let header = Header { created_at: 0, ..harness.state().session().unwrap().header().clone() };
+    let mut store = SessionStore::create(&dir, header).unwrap();
+    let start = LatentState { z: vec![0.0; 32], c: vec![0.0; 256], h: vec![0.0; 256] };
+    for seed in 0..N_DREAMS {
+        let mut dream = DreamEpisode::new(start.clone(), seed);
+        for t in 0..1000 {
+            dream.zs.push(&[(seed as f32 + 0.01 * t as f32).sin(); 32]);
+            dream.actions.push(Action::default());
+        }
+        store.save_dream(&dream, DreamSource::User).unwrap();
+    }
+    drop(store);
+    let began = Instant::now();
+    let store = SessionStore::open(&dir, None).unwrap();
+    drop(OpenedSession::read(store, &mut |_, _| ControlFlow::Continue(())).unwrap());
+    let at_once = began.elapsed();
+
+    harness.get_by_label("Sessions…").click();
+    harness.run_steps(10);
+    harness.get_by_label("long").click();
+    let (began, mut longest) = (Instant::now(), (Duration::ZERO, 0));
+    let is_open = |harness: &Harness<'_, App>| harness.state().session().unwrap().dir() == dir;
+    while !is_open(harness) {
+        let (frame, cpu) = (Instant::now(), cpu_nanos());
+        harness.step();
+        longest = (longest.0.max(frame.elapsed()), longest.1.max(cpu_nanos() - cpu));
+        std::thread::sleep(FRAME.saturating_sub(frame.elapsed()));
+    }
+    println!(
+        "a session of {N_DREAMS} dreams is open after {:.0} ms; the longest picture meanwhile took {:.1} ms, {:.1} of them on \
+         a core; reading it at once takes {:.0} ms",
+        began.elapsed().as_secs_f64() * 1e3,
+        longest.0.as_secs_f64() * 1e3,
+        longest.1 as f64 / 1e6,
+        at_once.as_secs_f64() * 1e3
+    );
 }
 
 /// Draws `panel` again and again, and says what that cost.
