@@ -93,12 +93,17 @@ impl App {
         if self.state.protocol() != Protocol::Request || making.ordered.is_some() || making.is_stopped {
             return;
         }
-        let (Some(store), false) = (&self.state.store, self.state.now < self.state.label.ask_again_at) else {
+        let (Some(store), Some(_)) = (&self.state.store, &self.state.world.loaded) else { return };
+        if self.state.now < self.state.label.ask_again_at {
             return;
-        };
+        }
         let session = store.session();
-        let is_early = making.took.is_some_and(|took| secs_left(session) > HEADROOM * took);
-        if is_early || !session.fresh_trajectories().is_empty() {
+        // Whoever has nothing to answer waits already: what was left of a deleted trajectory counts for nothing.
+        let is_early = self.state.current().is_some()
+            && making.took.is_some_and(|took| secs_left(session) > HEADROOM * took);
+        let unreadable = &self.state.label.unreadable;
+        let is_one_there = session.fresh_trajectories().iter().any(|kept| !unreadable.contains(&kept.dream));
+        if is_early || is_one_there {
             return;
         }
         let starts = starts(&self.state);

@@ -51,7 +51,13 @@ pub(super) fn waiting_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>
         if KeyButton::new("Make the next one").tone(Tone::Primary).is_pressed(ui) {
             commands.push(Command::MakeTrajectories(true));
         }
-    } else if state.world.loaded.as_ref().is_none_or(|world| world.starts.is_empty()) {
+    } else if state.world.loaded.is_none() {
+        ui.label("Trajectories are made in a world model: load one first.");
+        ui.add_space(GAP);
+        if KeyButton::new("Go to world models").tone(Tone::Primary).is_pressed(ui) {
+            commands.push(Command::Show(Panel::World));
+        }
+    } else if state.world.loaded.as_ref().is_some_and(|world| world.starts.is_empty()) {
         ui.label(
             "A trajectory needs a place to begin: this world model has none, so drive a dream first, and keep it.",
         );
