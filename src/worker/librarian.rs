@@ -7,7 +7,7 @@ use std::collections::VecDeque;
 use std::ops::Range;
 use std::path::Path;
 use std::sync::mpsc::{Receiver, TryRecvError};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use crate::dataset::{Dataset, DatasetError, Episode};
 use crate::dream::Rows;
@@ -21,8 +21,12 @@ use crate::world_model::{Memory, State, WorldModel, actions_tensor};
 const NAME: &str = "librarian";
 /// Steps that are looked at by the world model before another command is heard.
 const CHUNK: usize = 20;
-/// How long and how often a dataset is waited for that somebody else has open: the recorder looks into it, too.
-const PATIENCE: (Duration, usize) = (Duration::from_millis(50), 20);
+/// How long a dataset is waited for that somebody else has open: the recorder looks into it, too.
+const PATIENCE: Duration = Duration::from_secs(1);
+/// The same where it is torn, and the recorder may be repairing it already.
+const LONG_PATIENCE: Duration = Duration::from_secs(30);
+/// Between two tries.
+const PAUSE: Duration = Duration::from_millis(50);
 
 /// Starts a thread that shows steps of recorded episodes in `view`.
 pub fn spawn(view: Latest<EpisodeView>, reports: &Reports) -> Worker<LibrarianCommand> {
@@ -131,14 +135,14 @@ impl Librarian<'_> {
                 if self.open.as_ref().is_some_and(|open| open.recording == recording) {
                     self.open = None;
                 }
-                let deleted = change(&dataset, |dataset| match dataset.find(&recording) {
+                let deleted = change(&dataset, PATIENCE, |dataset| match dataset.find(&recording) {
                     Some(idx) => dataset.delete(idx),
                     None => Ok(()),
                 });
                 self.tell(&dataset, deleted)
             }
             LibrarianCommand::BringBack(dataset) => {
-                let back = change(&dataset, |dataset| dataset.bring_back().map(drop));
+                let back = change(&dataset, PATIENCE, |dataset| dataset.bring_back().map(drop));
                 self.tell(&dataset, back)
             }
         }
@@ -153,7 +157,7 @@ impl Librarian<'_> {
     fn list(&self, dir: &Path) -> Result<(), DatasetError> {
         if Dataset::is_torn(dir) {
             // A killed program left it so. Where somebody records, that can wait.
-            change(dir, |_| Ok(())).unwrap_or_else(|e| log::warn!("{e}"));
+            change(dir, LONG_PATIENCE, |_| Ok(())).unwrap_or_else(|e| log::warn!("{e}"));
         }
         let dataset = Dataset::look(dir)?;
         self.reports.send(Report::Shelf(Shelf {
@@ -232,18 +236,16 @@ fn open(dataset: &Path, recording: &str) -> Result<Episode, DatasetError> {
 /// Opens a dataset for `change`, waiting for it where somebody else has it open for a moment.
 fn change(
     dir: &Path,
+    patience: Duration,
     change: impl FnOnce(&mut Dataset) -> Result<(), DatasetError>,
 ) -> Result<(), DatasetError> {
     let there = Dataset::look(dir)?;
     let env = there.env().map(str::to_owned).or(there.deleted().map(|deleted| deleted.info.env));
     let Some(env) = env else { return Err(DatasetError::Missing { path: dir.to_owned() }) };
-    let mut tries = 0;
+    let since = Instant::now();
     loop {
         match Dataset::create_or_open(dir, &env) {
-            Err(DatasetError::Busy { .. }) if tries < PATIENCE.1 => {
-                tries += 1;
-                std::thread::sleep(PATIENCE.0);
-            }
+            Err(DatasetError::Busy { .. }) if since.elapsed() < patience => std::thread::sleep(PAUSE),
             opened => return change(&mut opened?),
         }
     }
