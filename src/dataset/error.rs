@@ -84,8 +84,8 @@ pub enum DatasetError {
         /// The dataset.
         path: PathBuf,
     },
-    /// No deleted episode can be brought back.
-    #[error("no deleted episode is left to be brought back, at {path:?}")]
+    /// The deleted episode cannot be brought back.
+    #[error("this episode cannot be brought back: only the one that was deleted last can, at {path:?}")]
     NothingDeleted {
         /// The dataset.
         path: PathBuf,

@@ -51,7 +51,11 @@ impl Dataset {
             disk::remove_partials(&dir.join(folder))?;
         }
         dataset.forget_twins()?;
-        dataset.repair()?;
+        // Where an episode cannot be moved, those there are can still be read and added to.
+        if let Err(error) = dataset.repair() {
+            log::warn!("{error}");
+            dataset.damaged.push(error);
+        }
         meta::write(dir, &dataset.episodes)?;
         dataset.find_unfinished(&journals)?;
         Ok(dataset)

@@ -106,11 +106,11 @@ impl Dataset {
         self.close_gaps()
     }
 
-    /// Puts the episode that was deleted last after all others, and returns its number there.
-    pub fn bring_back(&mut self) -> Result<usize, DatasetError> {
+    /// Puts the episode `recording` after all others, if it is the one that was deleted last, and returns its number there.
+    pub fn bring_back(&mut self, recording: &str) -> Result<usize, DatasetError> {
         self.require_lock()?;
-        let Some((path, notes)) = deleted(&self.dir).filter(|(_, it)| self.find(&it.recording).is_none())
-        else {
+        let is_wanted = |it: &Notes| it.recording == recording && self.find(recording).is_none();
+        let Some((path, notes)) = deleted(&self.dir).filter(|(_, it)| is_wanted(it)) else {
             return Err(DatasetError::NothingDeleted { path: self.dir.clone() });
         };
         let number = self.next_number;

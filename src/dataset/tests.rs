@@ -376,10 +376,13 @@ fn after_a_deletion_numbers_and_steps_count_on_without_a_gap() {
 fn a_deleted_episode_comes_back_after_the_others_until_another_is_deleted() {
     let dir = tempfile::tempdir().unwrap();
     let mut dataset = four(dir.path());
+    let recording = dataset.summaries().next().unwrap().recording.clone();
     dataset.delete(0).unwrap();
-    assert_eq!(dataset.bring_back().unwrap(), 3);
+    assert!(dataset.bring_back("another").is_err(), "somebody deleted one more in the meantime");
+    assert_eq!(dataset.bring_back(&recording).unwrap(), 3);
     assert_eq!(dataset.episode(3).unwrap(), expected(3, 10, 3));
-    assert!(matches!(dataset.bring_back(), Err(DatasetError::NothingDeleted { .. })), "but once");
+    let again = dataset.bring_back(&recording);
+    assert!(matches!(again, Err(DatasetError::NothingDeleted { .. })), "but once");
     dataset.delete(0).unwrap();
     dataset.delete(0).unwrap();
     assert_eq!(dataset.deleted().map(|deleted| deleted.info.seed), Some(12), "the last one only");
@@ -433,10 +436,11 @@ fn the_last_episode_takes_what_was_said_of_it_with_it() {
     let dir = tempfile::tempdir().unwrap();
     let mut dataset = Dataset::create_or_open(dir.path(), "dummy").unwrap();
     seal(&mut dataset, 1, 3);
+    let recording = dataset.summaries().next().unwrap().recording.clone();
     dataset.delete(0).unwrap();
     assert!(!dir.path().join("meta").exists());
     assert!(matches!(Dataset::open(dir.path()), Err(DatasetError::Missing { .. })));
-    assert_eq!(dataset.bring_back().unwrap(), 0);
+    assert_eq!(dataset.bring_back(&recording).unwrap(), 0);
     assert_eq!(Dataset::open(dir.path()).unwrap().episode(0).unwrap(), expected(0, 1, 3));
 }
 

@@ -4,6 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 use crate::query::{DreamId, QueryId, SegmentRef, Transition, Weights};
+use crate::run::sync_folder;
 use crate::session::error::SessionError;
 use crate::session::event::{Choice, Event, KeptDream};
 use crate::session::header::{Header, timed_name};
@@ -24,20 +25,41 @@ pub fn merge(dirs: &[PathBuf], out: &Path) -> Result<SessionStore, SessionError>
     }
     let mut header = heir(&first.header, dir, out);
     header.config.weights = first.session.weights().clone();
-    let mut merged = SessionStore::create(out, header)?;
-    for (reading, dir) in readings.iter().zip(dirs) {
-        append(&mut merged, reading, dir)?;
-    }
     let in_use: BTreeSet<&str> = readings.iter().flat_map(|reading| hashes(reading, false)).collect();
     let dropped: BTreeSet<&str> = readings.iter().flat_map(|reading| hashes(reading, true)).collect();
-    drop_dreams(&mut merged, |hash| dropped.contains(hash) && !in_use.contains(hash))?;
-    Ok(merged)
+    whole(out, header, |merged| {
+        for (reading, dir) in readings.iter().zip(dirs) {
+            append(merged, reading, dir)?;
+        }
+        drop_dreams(merged, |hash| dropped.contains(hash) && !in_use.contains(hash))
+    })
 }
 
-/// The same in a folder of its own below `sessions`, of which nothing is left where it fails.
+/// A session in `out` that is there once it is `filled`, and not before: nobody takes half of one for the whole.
+fn whole(
+    out: &Path,
+    header: Header,
+    fill: impl FnOnce(&mut SessionStore) -> Result<(), SessionError>,
+) -> Result<SessionStore, SessionError> {
+    if out.exists() {
+        return Err(SessionError::Exists { path: out.to_owned() });
+    }
+    let name = out.file_name().unwrap_or_default().to_string_lossy();
+    // Beside it, so that files beside both are found from either; a name with a dot is passed over.
+    let partial = out.with_file_name(format!(".{name}.{}.partial", std::process::id()));
+    let made = SessionStore::create(&partial, header).and_then(|mut store| fill(&mut store));
+    let made = made.and_then(|()| {
+        std::fs::rename(&partial, out).map_err(SessionError::disk("put the session in its place", out))?;
+        sync_folder(out).map_err(SessionError::disk("put the session in its place", out))
+    });
+    made.inspect_err(|_| drop(std::fs::remove_dir_all(&partial)))?;
+    SessionStore::open(out, None)
+}
+
+/// The same in a folder of its own below `sessions`.
 pub fn merge_in(dirs: &[PathBuf], sessions: &Path) -> Result<SessionStore, SessionError> {
     let out = store::free_folder(sessions, &timed_name(store::now(), "merged"));
-    merge(dirs, &out).inspect_err(|_| drop(std::fs::remove_dir_all(&out)))
+    merge(dirs, &out)
 }
 
 /// The hashes of the dreams that were deleted from a session, or that were not.
@@ -62,30 +84,30 @@ pub fn hand_on(dir: &Path, out: &Path, annotator: &str) -> Result<SessionStore, 
     header.protocol = reading.session.protocol();
     header.config.weights = reading.session.weights().clone();
     annotator.clone_into(&mut header.config.annotator);
-    let mut handed = SessionStore::create(out, header)?;
-    for kept in reading.session.dreams() {
-        let bytes = store::read_hashed(&dir.join(&kept.file), &kept.sha256)?;
-        handed.copy_dream(kept, &bytes, store::now())?;
-    }
-    let asked = reading.session.queries().iter().filter(|asked| reading.session.is_in_use(asked));
-    for asked in asked.filter(|asked| asked.repeats().is_none() && asked.answer().is_some()) {
-        let query = handed.session().next_query_id();
-        let (left, right, choice) = (asked.query.left, asked.query.right, asked.choice);
-        handed.record(match asked.transition {
-            None => Event::Asked { query, left, right, choice },
-            Some(transition) => Event::AskedTransition { query, transition, choice },
-        })?;
-    }
-    let dropped: BTreeSet<&str> = hashes(&reading, true).collect();
-    drop_dreams(&mut handed, |hash| dropped.contains(hash))?;
-    Ok(handed)
+    whole(out, header, |handed| {
+        for kept in reading.session.dreams() {
+            let bytes = store::read_hashed(&dir.join(&kept.file), &kept.sha256)?;
+            handed.copy_dream(kept, &bytes, store::now())?;
+        }
+        let asked = reading.session.queries().iter().filter(|asked| reading.session.is_in_use(asked));
+        for asked in asked.filter(|asked| asked.repeats().is_none() && asked.answer().is_some()) {
+            let query = handed.session().next_query_id();
+            let (left, right, choice) = (asked.query.left, asked.query.right, asked.choice);
+            handed.record(match asked.transition {
+                None => Event::Asked { query, left, right, choice },
+                Some(transition) => Event::AskedTransition { query, transition, choice },
+            })?;
+        }
+        let dropped: BTreeSet<&str> = hashes(&reading, true).collect();
+        drop_dreams(handed, |hash| dropped.contains(hash))
+    })
 }
 
-/// The same in a folder of its own below `sessions`, of which nothing is left where it fails.
+/// The same in a folder of its own below `sessions`.
 pub fn hand_on_in(dir: &Path, sessions: &Path, annotator: &str) -> Result<SessionStore, SessionError> {
     let plain: String = annotator.chars().map(|c| if c.is_alphanumeric() { c } else { '-' }).collect();
     let out = store::free_folder(sessions, &timed_name(store::now(), &format!("for-{plain}")));
-    hand_on(dir, &out, annotator).inspect_err(|_| drop(std::fs::remove_dir_all(&out)))
+    hand_on(dir, &out, annotator)
 }
 
 /// The head of a session in `out` that goes on with what the one in `dir` was about.

@@ -270,6 +270,13 @@ impl Session {
         answers
     }
 
+    /// Whether what was said last, skips aside, is a verdict on a transition.
+    pub fn ends_with_verdicts(&self) -> bool {
+        let said = self.answers().into_iter().rev().map(|given| &given.answer.response);
+        let last = said.into_iter().find(|response| !matches!(response, Response::Skipped(_)));
+        matches!(last, Some(Response::Judged(_)))
+    }
+
     /// The query whose answer undoing takes back: the one answered last.
     pub fn undoable(&self) -> Option<QueryId> {
         let in_use = self.queries.iter().filter(|asked| self.is_in_use(asked));

@@ -35,7 +35,10 @@ pub fn recent(sessions: &Path) -> Result<Vec<Recent>, SessionError> {
         listing => listing.map_err(SessionError::disk("list the sessions", sessions))?,
     };
     let mut dirs: Vec<PathBuf> = listing.filter_map(|item| Some(item.ok()?.path())).collect();
-    dirs.retain(|dir| dir.join(header::FILE).exists());
+    // One that begins with a dot is still being made.
+    let is_hidden =
+        |dir: &PathBuf| dir.file_name().is_some_and(|name| name.as_encoded_bytes().starts_with(b"."));
+    dirs.retain(|dir| dir.join(header::FILE).exists() && !is_hidden(dir));
     dirs.sort();
     let mut recent: Vec<_> = dirs.iter().map(|dir| look_at(dir)).collect();
     recent.sort_by_key(|recent| std::cmp::Reverse(recent.last_at()));

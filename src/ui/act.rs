@@ -71,7 +71,7 @@ impl App {
             Command::Watch(_)
             | Command::AskToDelete(_)
             | Command::DeleteEpisode
-            | Command::BringEpisodeBack => self.act_on_shelf(&command),
+            | Command::BringEpisodeBack { .. } => self.act_on_shelf(&command),
             Command::StartRecording
             | Command::PauseRecording
             | Command::KeepRecording
@@ -93,7 +93,7 @@ impl App {
         }
     }
 
-    fn show(&mut self, panel: Panel) {
+    pub(super) fn show(&mut self, panel: Panel) {
         if panel == self.state.panel {
             return;
         }
@@ -128,6 +128,9 @@ impl App {
 
     fn act_on_world(&mut self, command: &Command) {
         match *command {
+            Command::FitWorld { .. } if self.state.shelf.is_changing() => {
+                self.note("one moment: the recordings are being put in order".to_owned());
+            }
             Command::FitWorld { resume } => {
                 let (dataset, out) =
                     (self.state.field(Field::Dataset).into(), self.state.field(Field::ModelOut).into());

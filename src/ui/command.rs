@@ -175,7 +175,12 @@ pub enum Command {
     /// Deletes it from the folder.
     DeleteEpisode,
     /// Brings back the episode that was deleted last.
-    BringEpisodeBack,
+    BringEpisodeBack {
+        /// Of this folder.
+        dataset: PathBuf,
+        /// This one, as long as it is the one that was deleted last.
+        recording: String,
+    },
 
     /// Looks at a kept dream again, or no longer.
     Review(Option<DreamId>),

@@ -68,9 +68,10 @@ impl App {
 
     fn hear_errand(&mut self) {
         let Some(job) = &mut self.errand else { return };
+        let is_over = job.is_over();
         let outcome = match job.poll() {
             Some(outcome) => outcome,
-            None if job.is_over() => Err("this could not be done, and that is a bug of ours".to_owned()),
+            None if is_over => Err("this could not be done, and that is a bug of ours".to_owned()),
             None => return,
         };
         (self.errand, self.state.errand) = (None, None);
@@ -146,9 +147,13 @@ impl App {
                 }
             }
             Command::AddToSeveral(dir) => {
-                several.chosen.insert(dir.clone());
-                several.added.push(dir.clone());
-                several.found = None;
+                // It keeps the name that it was first added by.
+                let known = several.added.iter().find(|known| is_same(known, dir)).cloned();
+                if known.is_none() {
+                    several.added.push(dir.clone());
+                    several.found = None;
+                }
+                several.chosen.insert(known.unwrap_or_else(|| dir.clone()));
             }
             Command::ChooseForSeveral(dir, is_chosen) => {
                 if *is_chosen {
@@ -169,7 +174,7 @@ impl App {
         let (own, dir, sessions) = (store.session().clone(), store.dir().to_owned(), self.sessions.clone());
         self.run(ctx, "comparing annotators", move || {
             let found = recent(&sessions).map_err(|e| e.to_string())?;
-            let others = found.iter().filter(|recent| recent.dir != dir);
+            let others = found.iter().filter(|recent| !is_same(&recent.dir, &dir));
             let others = others.filter_map(|recent| Some(&recent.session.as_ref().ok()?.1));
             let others = others.filter(|other| share_dreams(&own, other)).map(|other| (None, other));
             let all: Vec<_> = std::iter::once((None, &own)).chain(others).collect();
@@ -194,7 +199,10 @@ impl App {
     fn merge(&mut self, ctx: &Context) {
         // What answers weigh is as in the first: the one that is open, if it is among them.
         let open = self.state.store.as_ref().map(|store| store.dir().to_owned());
-        let mut dirs: Vec<_> = self.state.several.chosen.iter().cloned().collect();
+        let several = &self.state.several;
+        let ticked = several.found.iter().flatten();
+        let ticked = ticked.filter(|it| it.about.is_ok() && several.chosen.contains(&it.dir));
+        let mut dirs: Vec<_> = ticked.map(|it| it.dir.clone()).collect();
         dirs.sort_by_key(|dir| Some(dir) != open.as_ref());
         let sessions = self.sessions.clone();
         self.run(ctx, "putting sessions together", move || {
@@ -243,7 +251,7 @@ impl App {
 }
 
 /// Whether both name the same folder.
-fn is_same(one: &Path, other: &Path) -> bool {
+pub(super) fn is_same(one: &Path, other: &Path) -> bool {
     std::path::absolute(one).ok() == std::path::absolute(other).ok()
 }
 

@@ -8,6 +8,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use crate::session::{OpenedSession, SessionStore};
 use crate::ui::App;
 use crate::ui::command::Panel;
+use crate::ui::errands::is_same;
 use crate::ui::state::State;
 use crate::worker::{Job, Latest};
 
@@ -60,10 +61,12 @@ impl App {
         if self.state.opening.as_ref().is_some_and(|opening| opening.dir == dir) {
             return;
         }
-        if self.state.store.as_ref().is_some_and(|store| store.dir() == dir) {
+        if self.state.store.as_ref().is_some_and(|store| is_same(store.dir(), dir)) {
             return self.give_up_opening();
         }
-        let hash = Some(self.state.world.hash.clone()).filter(|hash| !hash.is_empty());
+        // Another world model may be on its way in: then it is that one that the session must be of.
+        let is_settled = self.loading.is_none() && !self.state.world.hash.is_empty();
+        let hash = is_settled.then(|| self.state.world.hash.clone());
         let path = dir.to_owned();
         let open = move || SessionStore::open(&path, hash.as_deref()).map_err(|e| e.to_string());
         self.open(dir.to_owned(), Some(Panel::Label), open);
@@ -145,7 +148,7 @@ impl App {
         }
         self.adopt(opened);
         if let Some(panel) = goes_to {
-            self.state.panel = panel;
+            self.show(panel);
         }
     }
 }

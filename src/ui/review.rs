@@ -221,7 +221,9 @@ impl App {
             | Report::Learning(_)
             | Report::Learned { .. }
             | Report::Drove { .. } => true,
-            Report::Failed { worker, .. } => ["clipper", "trainer", "driver", "reviewer"].contains(worker),
+            Report::Failed { worker, .. } => {
+                ["clipper", "trainer", "driver", "reviewer", "screener", "synthesizer"].contains(worker)
+            }
             _ => false,
         };
         let others = self.inbox.try_iter().filter(|report| !is_of_the_session(report));
@@ -252,9 +254,10 @@ impl App {
 
     pub(super) fn hear_loader(&mut self, ctx: &Context) {
         let Some(job) = &mut self.loading else { return };
+        let is_over = job.is_over();
         let loaded = match job.poll() {
             Some(loaded) => loaded,
-            None if job.is_over() => Err("reading the world model failed: this is a bug of ours".to_owned()),
+            None if is_over => Err("reading the world model failed: this is a bug of ours".to_owned()),
             None => return,
         };
         self.loading = None;
@@ -280,11 +283,12 @@ impl App {
         self.state.world = World { fit, ..World::of(ctx, world, &mut self.state.dream) };
         (self.state.label, self.state.reward) = (self.state.label.anew(), Rewarding::default());
         self.state.unfinished.clear();
+        // A session belongs to the model that it was dreamed with.
+        let had_session = self.state.store.take().is_some();
         if let Some((opened, goes_to)) = self.waiting.take() {
             return self.go_on_with(opened, goes_to);
         }
-        // A session belongs to the model that it was dreamed with.
-        if self.state.store.take().is_some() {
+        if had_session {
             self.note("a session belongs to its world model: the next dream begins a new one".to_owned());
         }
         if !is_first {

@@ -70,7 +70,7 @@ impl App {
                 // Nothing is to be driven: what is asked about is made there.
                 if protocol == Protocol::Request {
                     self.act_on_label(Command::MakeTrajectories(true));
-                    self.state.panel = Panel::Label;
+                    self.show(Panel::Label);
                 }
             }
             Err(e) => {
@@ -96,6 +96,8 @@ impl App {
         self.end_dream();
         self.forget_workers();
         self.state.deploy.is_on = false;
+        // What could not be saved there is found again where it was driven.
+        self.state.dream.unsaved = None;
         (self.state.label, self.state.reward) = (self.state.label.anew(), Rewarding::default());
         if let Some(torn) = store.torn() {
             self.warn(format!(
@@ -111,11 +113,17 @@ impl App {
                 }
             }
         }
-        for judged in store.session().judged() {
-            self.crew.send(Order::Trainer(TrainerCommand::Judge(judged)));
-        }
-        for labeled in store.session().labeled() {
-            self.crew.send(Order::Trainer(TrainerCommand::Learn(labeled.query, labeled.label)));
+        let verdicts = store.session().judged().into_iter().map(TrainerCommand::Judge);
+        let labels = store.session().labeled().into_iter();
+        let labels = labels.map(|labeled| TrainerCommand::Learn(labeled.query, labeled.label));
+        // What was said last is what the next reward is learned from.
+        let orders: Vec<_> = if store.session().ends_with_verdicts() {
+            labels.chain(verdicts).collect()
+        } else {
+            verdicts.chain(labels).collect()
+        };
+        for order in orders {
+            self.crew.send(Order::Trainer(order));
         }
         match reward {
             Ok(Some(parameters)) => {

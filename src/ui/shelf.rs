@@ -102,7 +102,9 @@ impl App {
             Command::Watch(Some(recording)) => self.watch(recording.clone()),
             Command::AskToDelete(is_asked) => self.state.shelf.is_asked = *is_asked,
             Command::DeleteEpisode => self.delete_episode(),
-            Command::BringEpisodeBack => self.bring_episode_back(),
+            Command::BringEpisodeBack { dataset, recording } => {
+                self.bring_episode_back(dataset.clone(), recording.clone());
+            }
             _ => {}
         }
     }
@@ -167,11 +169,10 @@ impl App {
         }
     }
 
-    fn bring_episode_back(&mut self) {
-        let Some(dataset) = self.state.shelf.list.as_ref().map(|list| list.dataset.clone()) else { return };
+    fn bring_episode_back(&mut self, dataset: PathBuf, recording: String) {
         if self.can_change_recordings() {
             self.state.shelf.changing = Some(Change::BringBack);
-            self.crew.send(Order::Librarian(LibrarianCommand::BringBack(dataset)));
+            self.crew.send(Order::Librarian(LibrarianCommand::BringBack { dataset, recording }));
         }
     }
 
@@ -186,7 +187,10 @@ impl App {
         match report {
             Report::Shelf(list) => self.listed(list),
             Report::Opened(episode) if is_open(&episode.recording) => shelf.episode = Some(episode),
-            Report::JudgedEpisode { recording, rewards } if is_open(&recording) => {
+            // By this reward, and not by that of a session before.
+            Report::JudgedEpisode { recording, rewards }
+                if is_open(&recording) && shelf.is_taught && self.state.reward.parameters.is_some() =>
+            {
                 shelf.rewards = Some(rewards);
             }
             _ => {}
@@ -197,7 +201,8 @@ impl App {
         let shelf = &mut self.state.shelf;
         // Of a folder that was named before this one, nothing is shown.
         let is_wanted = shelf.listed.as_ref().is_none_or(|listed| *listed == list.dataset);
-        let changed = shelf.changing.take();
+        let changed = if list.is_changed { shelf.changing.take() } else { None };
+        let dataset = list.dataset.clone();
         let last = list.episodes.last().map(|last| last.number);
         let deleted = list.deleted.as_ref().map(|deleted| deleted.recording.clone());
         if is_wanted {
@@ -208,8 +213,8 @@ impl App {
         }
         match (changed, deleted, last) {
             (Some(Change::Delete(recording, number)), Some(deleted), _) if recording == deleted => {
-                let text = format!("episode {number} is deleted, and those after it have moved up");
-                self.offer(text, vec![("Bring it back".to_owned(), Command::BringEpisodeBack)]);
+                let back = Command::BringEpisodeBack { dataset, recording };
+                self.offer(format!("episode {number} is deleted"), vec![("Bring it back".to_owned(), back)]);
             }
             (Some(Change::BringBack), None, Some(last)) => {
                 self.done(format!("the episode is back, as number {last}"));

@@ -192,8 +192,13 @@ pub enum LibrarianCommand {
         /// Which.
         recording: String,
     },
-    /// Brings back the one that was deleted last, and lists all.
-    BringBack(PathBuf),
+    /// Brings back one if it is the one that was deleted last, and lists all.
+    BringBack {
+        /// The `LeRobot` folder.
+        dataset: PathBuf,
+        /// Which.
+        recording: String,
+    },
 }
 
 /// Trains a world model.

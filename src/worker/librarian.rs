@@ -48,8 +48,10 @@ pub fn keep(commands: &Receiver<LibrarianCommand>, reports: &Reports, view: &Lat
             // Nothing is asked: there is time to judge, if there is anything to be judged.
             Err(TryRecvError::Empty) => {
                 while librarian.judge_on() {
-                    if let Ok(command) = commands.try_recv() {
-                        return Some(command);
+                    match commands.try_recv() {
+                        Ok(command) => return Some(command),
+                        Err(TryRecvError::Disconnected) => return None,
+                        Err(TryRecvError::Empty) => {}
                     }
                 }
                 commands.recv().ok()
@@ -97,14 +99,14 @@ struct Open {
 impl Librarian<'_> {
     fn hear(&mut self, command: LibrarianCommand) -> Result<(), String> {
         match command {
-            LibrarianCommand::List(dataset) => self.list(&dataset).map_err(|e| e.to_string()),
+            LibrarianCommand::List(dataset) => self.list(&dataset, false).map_err(|e| e.to_string()),
             LibrarianCommand::Open { dataset, recording } => {
                 self.open = None;
                 let opened = open(&dataset, &recording).map_err(|e| e.to_string());
                 let episode = match opened {
                     Ok(episode) => episode,
                     // The list that it was chosen from may be an old one.
-                    Err(e) => return self.list(&dataset).map_err(|e| e.to_string()).and(Err(e)),
+                    Err(e) => return self.list(&dataset, false).map_err(|e| e.to_string()).and(Err(e)),
                 };
                 self.reports.send(Report::Opened(OpenEpisode {
                     recording: recording.clone(),
@@ -141,8 +143,8 @@ impl Librarian<'_> {
                 });
                 self.tell(&dataset, deleted)
             }
-            LibrarianCommand::BringBack(dataset) => {
-                let back = change(&dataset, PATIENCE, |dataset| dataset.bring_back().map(drop));
+            LibrarianCommand::BringBack { dataset, recording } => {
+                let back = change(&dataset, PATIENCE, |dataset| dataset.bring_back(&recording).map(drop));
                 self.tell(&dataset, back)
             }
         }
@@ -150,11 +152,11 @@ impl Librarian<'_> {
 
     /// Lists the dataset after a change, however that went.
     fn tell(&self, dataset: &Path, changed: Result<(), DatasetError>) -> Result<(), String> {
-        let listed = self.list(dataset);
+        let listed = self.list(dataset, true);
         changed.and(listed).map_err(|e| e.to_string())
     }
 
-    fn list(&self, dir: &Path) -> Result<(), DatasetError> {
+    fn list(&self, dir: &Path, is_changed: bool) -> Result<(), DatasetError> {
         if Dataset::is_torn(dir) {
             // A killed program left it so. Where somebody records, that can wait.
             change(dir, LONG_PATIENCE, |_| Ok(())).unwrap_or_else(|e| log::warn!("{e}"));
@@ -165,6 +167,7 @@ impl Librarian<'_> {
             episodes: dataset.summaries().collect(),
             damaged: dataset.damaged().iter().map(ToString::to_string).collect(),
             deleted: dataset.deleted(),
+            is_changed,
         }));
         Ok(())
     }
@@ -378,13 +381,15 @@ mod tests {
         dataset(dir.path(), &[5, 6, 7]);
         let desk = Desk::new();
         let recording = desk.list(dir.path()).episodes[0].recording.clone();
-        let delete = LibrarianCommand::Delete { dataset: dir.path().to_owned(), recording };
+        let dataset = dir.path().to_owned();
+        let back = LibrarianCommand::BringBack { dataset: dataset.clone(), recording: recording.clone() };
+        let delete = LibrarianCommand::Delete { dataset, recording };
         let lens = |report: Report| match report {
             Report::Shelf(shelf) => shelf.episodes.iter().map(|it| it.n_steps).collect::<Vec<_>>(),
             other => panic!("{other:?}"),
         };
         assert_eq!(lens(desk.ask(delete)), [6, 7]);
-        assert_eq!(lens(desk.ask(LibrarianCommand::BringBack(dir.path().to_owned()))), [6, 7, 5]);
+        assert_eq!(lens(desk.ask(back)), [6, 7, 5]);
     }
 
     #[test]

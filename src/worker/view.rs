@@ -124,6 +124,8 @@ pub struct Shelf {
     pub damaged: Vec<String>,
     /// The episode that was deleted last, if it can be brought back.
     pub deleted: Option<Summary>,
+    /// Whether this is told because an episode was deleted or brought back, or was to be.
+    pub is_changed: bool,
 }
 
 /// A recorded episode without its frames.

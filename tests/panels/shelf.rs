@@ -25,7 +25,8 @@ fn summary(number: usize) -> Summary {
 pub(crate) fn folder(numbers: &[usize], deleted: Option<usize>) -> Report {
     let episodes = numbers.iter().map(|number| summary(*number)).collect();
     let deleted = deleted.map(summary);
-    Report::Shelf(Shelf { dataset: "recordings".into(), episodes, damaged: Vec::new(), deleted })
+    let (dataset, damaged) = ("recordings".into(), Vec::new());
+    Report::Shelf(Shelf { dataset, episodes, damaged, deleted, is_changed: true })
 }
 
 /// A window on the record panel, with three episodes.
@@ -57,13 +58,21 @@ fn open(harness: &mut Harness<'_, App>, backstage: &Backstage) {
     harness.run_steps(2);
 }
 
+/// There is a reward.
+fn learned(harness: &mut Harness<'_, App>, backstage: &Backstage) {
+    backstage.report(Report::Learned { parameters: world().parameters, n_labels: 1, fit: None });
+    harness.run_steps(2);
+}
+
 /// What the librarian was asked for, by name and number.
 fn asked(backstage: &Backstage) -> Vec<String> {
     let said = |order| match order {
         Order::Librarian(LibrarianCommand::Open { recording, .. }) => Some(format!("open {recording}")),
         Order::Librarian(LibrarianCommand::Look(step)) => Some(format!("look {step}")),
         Order::Librarian(LibrarianCommand::Delete { recording, .. }) => Some(format!("delete {recording}")),
-        Order::Librarian(LibrarianCommand::BringBack(_)) => Some("bring back".to_owned()),
+        Order::Librarian(LibrarianCommand::BringBack { recording, .. }) => {
+            Some(format!("bring back {recording}"))
+        }
         Order::Librarian(LibrarianCommand::Close) => Some("close".to_owned()),
         _ => None,
     };
@@ -88,6 +97,10 @@ fn a_recorded_episode_is_looked_at_again_step_by_step() {
     press(&mut harness, Key::P);
 
     let rewards = [0.5, 0.4, 0.6].map(|reward| vec![reward; 300]);
+    backstage.report(Report::JudgedEpisode { recording: "take-2".to_owned(), rewards: rewards.clone() });
+    harness.run_steps(2);
+    assert!(harness.query_by_label_contains(": reward ").is_none(), "the reward of a session that was left");
+    learned(&mut harness, &backstage);
     backstage.report(Report::JudgedEpisode { recording: "take-1".to_owned(), rewards: rewards.clone() });
     harness.run_steps(2);
     assert!(harness.query_by_label_contains(": reward ").is_none(), "another episode's reward");
@@ -115,7 +128,11 @@ fn an_episode_is_deleted_when_asked_twice_and_brought_back() {
     harness.get_by_label("Delete episode 2 from the folder?");
     press(&mut harness, Key::Enter);
     assert_eq!(asked(&backstage), ["delete take-2"]);
-    // Until it is done nothing is recorded into the folder.
+    // Until it is done nothing is recorded into the folder, whatever was listed before.
+    if let Report::Shelf(before) = folder(&[0, 1, 2], None) {
+        backstage.report(Report::Shelf(Shelf { is_changed: false, ..before }));
+        harness.run_steps(2);
+    }
     press(&mut harness, Key::Enter);
     harness.get_by_label_contains("being put in order");
     assert!(!backstage.orders().iter().any(|order| matches!(order, Order::Recorder(_))));
@@ -124,7 +141,7 @@ fn an_episode_is_deleted_when_asked_twice_and_brought_back() {
     assert!(harness.query_by_label_contains("Episode 2:").is_none());
     harness.get_by_label("Bring it back").click();
     harness.run_steps(2);
-    assert_eq!(asked(&backstage), ["bring back"]);
+    assert_eq!(asked(&backstage), ["bring back take-2"]);
 }
 
 #[test]
@@ -176,6 +193,7 @@ fn an_episode_that_is_looked_at_again_looks_as_it_did() {
         let (mut harness, backstage) = recordings(dir.path(), true);
         harness.ctx.set_theme(theme);
         open(&mut harness, &backstage);
+        learned(&mut harness, &backstage);
         let at = |t: usize| (t as f32 / 13.0).sin() * 0.6 + (t as f32 / 3.0).cos() * 0.1;
         let rewards = [0.0, -0.12, 0.15].map(|by| (0..300).map(|t| at(t) + by).collect());
         backstage.report(Report::JudgedEpisode { recording: "take-2".to_owned(), rewards });

@@ -7,6 +7,7 @@ use eframe::egui::{Align, Id, Key, Layout, Modal, RichText, ScrollArea, Ui};
 use crate::query::Protocol;
 use crate::ui::command::{Command, Field};
 use crate::ui::dialog::Purpose;
+use crate::ui::errands::is_same;
 use crate::ui::state::State;
 use crate::ui::tokens::{self, GAP, Tokens};
 use crate::ui::widgets::field::path_ui;
@@ -94,7 +95,7 @@ fn recent_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
     ScrollArea::vertical().id_salt("recent").max_height(room).show(ui, |ui| {
         for recent in &state.recent {
             ui.horizontal(|ui| {
-                let is_open = state.store.as_ref().is_some_and(|store| store.dir() == recent.dir);
+                let is_open = state.store.as_ref().is_some_and(|store| is_same(store.dir(), &recent.dir));
                 let button =
                     KeyButton::new(&recent.name).tone(if is_open { Tone::Chosen } else { Tone::Plain });
                 if button.enabled(recent.about.is_ok()).is_pressed(ui) {

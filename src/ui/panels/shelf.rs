@@ -148,7 +148,8 @@ pub(super) fn list_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
             let about =
                 format!("{} steps, driven {} UTC", deleted.n_steps, date(deleted.began_secs.max(0) as u64));
             if button.on_hover_text(about).clicked() {
-                commands.push(Command::BringEpisodeBack);
+                let (dataset, recording) = (list.dataset.clone(), deleted.recording.clone());
+                commands.push(Command::BringEpisodeBack { dataset, recording });
             }
         }
     });
