@@ -432,6 +432,24 @@ fn a_program_killed_at_any_moment_of_a_deletion_leaves_it_done_or_not_begun() {
 }
 
 #[test]
+fn an_episode_that_cannot_be_moved_keeps_nobody_from_recording() {
+    let dir = tempfile::tempdir().unwrap();
+    drop(four(dir.path()));
+    // A deletion was begun, and the next episode is damaged where only reading it whole can tell.
+    fs::remove_file(episode_file(dir.path(), 1)).unwrap();
+    fs::write(dir.path().join("journal/renumbering"), "").unwrap();
+    let damaged = episode_file(dir.path(), 2);
+    let mut bytes = fs::read(&damaged).unwrap();
+    bytes[8..200].fill(0xa5);
+    fs::write(&damaged, bytes).unwrap();
+
+    let mut dataset = Dataset::create_or_open(dir.path(), "dummy").unwrap();
+    assert_eq!(dataset.damaged().len(), 1, "{:?}", dataset.damaged());
+    assert_eq!(seal(&mut dataset, 20, 1), 4, "behind all others");
+    assert_eq!(dataset.episode(0).unwrap(), expected(0, 10, 3));
+}
+
+#[test]
 fn the_last_episode_takes_what_was_said_of_it_with_it() {
     let dir = tempfile::tempdir().unwrap();
     let mut dataset = Dataset::create_or_open(dir.path(), "dummy").unwrap();

@@ -109,7 +109,12 @@ fn frame(shade: usize) -> Frame {
 }
 
 fn world() -> LoadedWorld {
-    let model = untrained(&WorldModelConfig::tiny(), &mut ChaCha8Rng::seed_from_u64(0));
+    toy(0)
+}
+
+/// A world model that has learned nothing, drawn from `seed`.
+fn toy(seed: u64) -> LoadedWorld {
+    let model = untrained(&WorldModelConfig::tiny(), &mut ChaCha8Rng::seed_from_u64(seed));
     let state = LatentState { z: vec![0.1; 4], c: vec![0.0; 16], h: vec![0.0; 16] };
     let start = |i: usize| DreamStart {
         name: format!("Start {i}"),
@@ -209,7 +214,10 @@ fn startup(dir: &Path, session: Option<SessionStore>, backstage: &Backstage) -> 
         dataset: "recordings".into(),
         world: FirstWorld::Here(Ok(world())),
         session,
-        load: Arc::new(|path| Err(format!("cannot read the world model: {path:?}"))),
+        load: Arc::new(|path| match std::fs::read_to_string(path) {
+            Ok(text) if text == "another" => Ok(toy(1)),
+            _ => Err(format!("cannot read the world model: {path:?}")),
+        }),
         hire: Box::new(move |reports, _| {
             *crew.reports.lock().unwrap() = Some(reports.clone());
             Box::new(crew)

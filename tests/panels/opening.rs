@@ -68,6 +68,27 @@ fn the_window_goes_on_while_a_session_is_opened_and_another_overtakes_it() {
 }
 
 #[test]
+#[cfg(unix)]
+fn no_session_stays_open_under_a_world_model_that_it_is_not_of() {
+    let dir = tempfile::tempdir().unwrap();
+    dreamed(dir.path(), "other", Protocol::Drop, 1);
+    let store = session(dir.path(), Protocol::Dropj);
+    let (mut harness, _) = window(dir.path(), Some(store), vec2(1280.0, 800.0), false);
+    // Nothing comes of a pipe until somebody writes.
+    let slow = dir.path().join("slow.safetensors");
+    assert!(std::process::Command::new("mkfifo").arg(&slow).status().unwrap().success());
+    several::drop_on(&mut harness, &slow);
+    open(&mut harness, "other");
+    wait_for(&mut harness, |harness| harness.query_by_label_contains("session: ").is_none());
+    assert!(name(&harness).is_some_and(|name| name != "other"), "it waits for the world model");
+    std::fs::write(&slow, "another").unwrap();
+    wait_for(&mut harness, |harness| {
+        harness.query_by_label_contains("dreamed with another world model").is_some()
+    });
+    assert_eq!(name(&harness), None, "nothing is dreamed into either of them");
+}
+
+#[test]
 fn a_folder_that_holds_no_session_is_said_to_be_none_and_the_present_one_stays() {
     let dir = tempfile::tempdir().unwrap();
     let store = session(dir.path(), Protocol::Dropj);

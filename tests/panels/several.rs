@@ -145,7 +145,7 @@ impl DroppedFile for Dropped {
 }
 
 /// Drops a file or folder on the window.
-fn drop_on(harness: &mut Harness<'_, App>, path: &Path) {
+pub(super) fn drop_on(harness: &mut Harness<'_, App>, path: &Path) {
     harness.input_mut().dropped_files.push(Arc::new(Dropped(path.to_owned())));
     harness.run_steps(3);
 }
