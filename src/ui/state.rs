@@ -19,6 +19,7 @@ use crate::ui::keys::{Deed, Keys, Rebinding};
 use crate::ui::labeling::Labeling;
 use crate::ui::opening::BeingOpened;
 use crate::ui::pads::Pads;
+use crate::ui::recent::RecentSessions;
 use crate::ui::review::Reviewing;
 use crate::ui::shelf::Shelving;
 use crate::worker::{DriveView, Learning, LiveView};
@@ -67,7 +68,7 @@ pub(crate) struct State {
     /// The session that is being opened.
     pub opening: Option<BeingOpened>,
     /// Sessions that can be opened.
-    pub recent: Vec<RecentSession>,
+    pub recent: RecentSessions,
     /// Dreams that a killed program left behind.
     pub unfinished: Vec<UnfinishedDream>,
     pub sessions_open: bool,
