@@ -7,6 +7,9 @@ use std::path::{Path, PathBuf};
 use crate::session::error::SessionError;
 use crate::session::event::{Entry, Event, LineError};
 
+/// As many bytes of a log are read at first to find its last line.
+const TAIL: u64 = 1 << 12;
+
 /// What a log holds.
 #[derive(Debug, Default, PartialEq)]
 pub struct Contents {
@@ -24,6 +27,29 @@ pub struct Contents {
 pub fn read(path: &Path) -> Result<Contents, SessionError> {
     let bytes = std::fs::read(path).map_err(SessionError::disk("read the session log", path))?;
     parse(&bytes, path)
+}
+
+/// When the last line of the log at `path` was written, in milliseconds since 1970, reading no more than its end.
+///
+/// None where no line can be read.
+pub fn last_at(path: &Path) -> Option<u64> {
+    let mut file = File::open(path).ok()?;
+    let len = file.metadata().ok()?.len();
+    let mut start = len.saturating_sub(TAIL);
+    loop {
+        let mut bytes = Vec::new();
+        file.seek(SeekFrom::Start(start)).ok()?;
+        file.read_to_end(&mut bytes).ok()?;
+        // What is read first is the rest of a line, unless it is the first one.
+        let n_cut =
+            if start == 0 { 0 } else { bytes.iter().position(|&byte| byte == b'\n').unwrap_or(bytes.len()) };
+        let mut lines = bytes[n_cut..].rsplit(|&byte| byte == b'\n');
+        let at = lines.find_map(|line| Entry::from_line(line).ok()).map(|entry| entry.at);
+        if at.is_some() || start == 0 {
+            return at;
+        }
+        start = len.saturating_sub(16 * (len - start));
+    }
 }
 
 fn parse(bytes: &[u8], path: &Path) -> Result<Contents, SessionError> {
@@ -227,6 +253,27 @@ mod tests {
             let after = read(&path).unwrap();
             assert_eq!((after.entries.len(), after.torn), (n + 1, None), "cut at {len}");
         }
+    }
+
+    #[test]
+    fn when_something_last_happened_is_read_off_the_end() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("events.jsonl");
+        assert_eq!(last_at(&path), None, "there is no log");
+        let mut log = Log::create(&path).unwrap();
+        assert_eq!(last_at(&path), None, "nothing has happened");
+        log.append(flagged(0), 3).unwrap();
+        assert_eq!(last_at(&path), Some(3), "the first line is the last");
+        for at in 4..300 {
+            log.append(flagged(1), at).unwrap();
+        }
+        assert!(log.len > TAIL);
+        assert_eq!(last_at(&path), Some(299));
+        let fit = Fit { after: 0, n_labels: 1, seed: 0, epochs: 2, losses: vec![0.3; 5000], held_out: None };
+        log.append(Event::Fitted { fit, file: String::new(), sha256: String::new() }, 400).unwrap();
+        assert_eq!(last_at(&path), Some(400), "a line longer than what is read at first");
+        log.write(b"{\"event\":\"fla", true).unwrap();
+        assert_eq!(last_at(&path), Some(400), "a torn line has not happened");
     }
 
     #[test]

@@ -47,7 +47,7 @@ pub use journal::{DreamJournal, UnfinishedDream};
 pub use look::{Look, Looks};
 pub use merge::{hand_on, hand_on_in, merge, merge_in, relative};
 pub use opened::OpenedSession;
-pub use recent::{Recent, look_at, recent};
+pub use recent::{Recent, latest, look_at, recent};
 pub use replay::{REFIT_TOLERANCE, Replay, ReplayedFit, replay};
 pub use statistics::Statistics;
 pub use store::{SessionStore, now};

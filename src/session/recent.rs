@@ -1,10 +1,11 @@
 //! The sessions in a folder, for somebody who wants to go on with one.
 
+use std::cmp::Reverse;
 use std::path::{Path, PathBuf};
 
 use crate::session::error::SessionError;
 use crate::session::header::{self, Header};
-use crate::session::{Session, store};
+use crate::session::{Session, log, store};
 
 /// A session that can be opened, or why it cannot.
 #[derive(Debug)]
@@ -30,6 +31,25 @@ pub fn look_at(dir: &Path) -> Recent {
 
 /// The sessions in `sessions`, the latest first; none where there is no such folder.
 pub fn recent(sessions: &Path) -> Result<Vec<Recent>, SessionError> {
+    let mut recent: Vec<_> = folders(sessions)?.iter().map(|dir| look_at(dir)).collect();
+    recent.sort_by_key(|recent| Reverse(recent.last_at()));
+    Ok(recent)
+}
+
+/// The same one by one, each read when it is asked for, so that who wants only the latest need not read them all.
+///
+/// Which are the latest is read off the ends of their logs: one that turns out to be unreadable comes in its turn.
+pub fn latest(sessions: &Path) -> Result<impl Iterator<Item = Recent> + use<>, SessionError> {
+    let mut dirs = folders(sessions)?;
+    dirs.sort_by_cached_key(|dir| {
+        let created_at = || Header::read(dir).ok().map(|header| header.created_at);
+        Reverse(log::last_at(&dir.join(store::LOG_FILE)).or_else(created_at))
+    });
+    Ok(dirs.into_iter().map(|dir| look_at(&dir)))
+}
+
+/// The folders of the sessions in `sessions`, in the order of their names.
+fn folders(sessions: &Path) -> Result<Vec<PathBuf>, SessionError> {
     let listing = match std::fs::read_dir(sessions) {
         Err(e) if e.kind() == std::io::ErrorKind::NotFound => return Ok(Vec::new()),
         listing => listing.map_err(SessionError::disk("list the sessions", sessions))?,
@@ -40,7 +60,5 @@ pub fn recent(sessions: &Path) -> Result<Vec<Recent>, SessionError> {
         |dir: &PathBuf| dir.file_name().is_some_and(|name| name.as_encoded_bytes().starts_with(b"."));
     dirs.retain(|dir| dir.join(header::FILE).exists() && !is_hidden(dir));
     dirs.sort();
-    let mut recent: Vec<_> = dirs.iter().map(|dir| look_at(dir)).collect();
-    recent.sort_by_key(|recent| std::cmp::Reverse(recent.last_at()));
-    Ok(recent)
+    Ok(dirs)
 }

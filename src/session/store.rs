@@ -16,7 +16,7 @@ use crate::session::{FittedReward, Session, arrays, export};
 use crate::tensor::{Parameters, sha256};
 use crate::world_model::WorldModel;
 
-const LOG_FILE: &str = "events.jsonl";
+pub(super) const LOG_FILE: &str = "events.jsonl";
 const DREAMS: &str = "dreams";
 const REWARDS: &str = "reward";
 const WORLD_MODEL_FILE: &str = "world_model.safetensors";

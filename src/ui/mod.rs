@@ -15,12 +15,15 @@ mod foretelling;
 mod hear;
 mod input;
 mod keys;
+mod labeling;
 mod opening;
 mod pace;
 mod pads;
 mod panels;
 mod playhead;
 mod preferences;
+mod pressing;
+mod recent;
 mod rebind;
 mod review;
 mod sessions;
@@ -59,6 +62,7 @@ use errands::Errand;
 use input::Hands;
 use opening::{Opening, Reading};
 use preferences::Preferences;
+use recent::Looking;
 use state::{State, World};
 
 /// Makes a world model out of a file, or says in a sentence why it cannot.
@@ -110,6 +114,8 @@ pub struct App {
     opening: Option<Opening>,
     /// The reading of one that nobody wants any more, until it has ended.
     abandoned: Option<Reading>,
+    /// The list of sessions that is being read.
+    looking: Option<Looking>,
     /// The session to go on with once the world model is there, and where to.
     waiting: Option<(OpenedSession, Option<Panel>)>,
     /// Reports that were not yet heard when others were thrown away.
@@ -182,6 +188,7 @@ impl App {
             loading: None,
             opening: None,
             abandoned: None,
+            looking: None,
             waiting: None,
             waker: ctx.clone(),
             unheard: Vec::new(),
@@ -267,6 +274,7 @@ impl eframe::App for App {
         self.hear_drops(ctx);
         self.hear_errands(ctx);
         self.hear_opener();
+        self.hear_looking();
         self.hear_loader(ctx);
         self.show_clips(ctx);
         self.show_review(ctx);

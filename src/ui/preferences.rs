@@ -8,9 +8,10 @@ use crate::env::controls::ControlConfig;
 use crate::ui::choosing::Asking;
 use crate::ui::command::Field;
 use crate::ui::keys::Keys;
+use crate::ui::labeling::{BREAK_MINUTES, NORMAL_SPEED};
 use crate::ui::pace::Budget;
 use crate::ui::pads::Pads;
-use crate::ui::state::{BREAK_MINUTES, NORMAL_SPEED, State};
+use crate::ui::state::State;
 
 /// The name under which the system keeps it.
 const NAME: &str = "preferences";

@@ -3,49 +3,15 @@
 use std::ops::ControlFlow;
 
 use crate::query::Protocol;
-use crate::session::{
-    Header, OpenedSession, Recent, SessionError, SessionStore, UnfinishedDream, now, recent,
-};
+use crate::session::{Header, OpenedSession, SessionError, SessionStore, UnfinishedDream, now};
 use crate::ui::App;
 use crate::ui::act::{counted, fresh_seed};
 use crate::ui::command::{Command, Panel};
 use crate::ui::crew::Order;
-use crate::ui::state::{RecentSession, Rewarding};
+use crate::ui::state::Rewarding;
 use crate::worker::{DriverCommand, TrainerCommand};
 
 impl App {
-    pub(super) fn toggle_sessions(&mut self) {
-        self.state.sessions_open = !self.state.sessions_open;
-        if !self.state.sessions_open {
-            return;
-        }
-        match recent(&self.sessions) {
-            Ok(found) => {
-                self.state.recent = found.into_iter().take(30).map(|recent| self.describe(recent)).collect();
-            }
-            Err(e) => self.fail(e.to_string()),
-        }
-    }
-
-    fn describe(&self, recent: Recent) -> RecentSession {
-        let name =
-            recent.dir.file_name().map_or_else(String::new, |name| name.to_string_lossy().into_owned());
-        let about = match &recent.session {
-            Ok((header, _))
-                if !self.state.world.hash.is_empty() && header.world_model != self.state.world.hash =>
-            {
-                Err("dreamed with another world model: load that one first".to_owned())
-            }
-            Ok((_, session)) => {
-                let (n_dreams, n_answers) = (session.dreams().len(), session.statistics().n_answered);
-                let protocol = session.protocol().name();
-                Ok(format!("{protocol} · {} · {}", counted(n_dreams, "dream"), counted(n_answers, "answer")))
-            }
-            Err(e) => Err(e.to_string()),
-        };
-        RecentSession { dir: recent.dir, name, about }
-    }
-
     pub(super) fn new_session(&mut self, protocol: Protocol) {
         if self.state.dream.is_on {
             return self.warn("end the dream first: keep it, or leave it".to_owned());

@@ -116,6 +116,10 @@ fn opening(harness: &mut Harness<'_, App>, sessions: &Path) {
 
     harness.get_by_label("Sessions…").click();
     harness.run_steps(10);
+    while harness.query_by_label("long").is_none() {
+        std::thread::sleep(FRAME);
+        harness.step();
+    }
     harness.get_by_label("long").click();
     let (began, mut longest) = (Instant::now(), (Duration::ZERO, 0));
     let is_open = |harness: &Harness<'_, App>| harness.state().session().unwrap().dir() == dir;

@@ -205,7 +205,7 @@ fn what_old_workers_have_still_to_say_does_not_reach_another_session() {
     drop(SessionStore::create(&dir.path().join("2026-11-22T10-20-00-other"), header).unwrap());
     click(&mut harness, "Sessions…");
     harness.run_steps(10);
-    harness.get_by_label("2026-11-22T10-20-00-other").click();
+    opening::choose(&mut harness, "2026-11-22T10-20-00-other");
     // It is in the inbox when the other session is opened.
     backstage.report(Report::Learned { parameters: world().parameters, n_labels: 40, fit: None });
     backstage.report(Report::Learning(learning(3)));

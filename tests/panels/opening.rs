@@ -14,8 +14,23 @@ fn dreamed(dir: &Path, name: &str, protocol: Protocol, n_dreams: usize) {
 fn open(harness: &mut Harness<'_, App>, name: &str) {
     harness.get_by_label("Sessions…").click();
     harness.run_steps(10);
-    harness.get_by_label(name).click();
+    choose(harness, name);
     harness.run_steps(2);
+}
+
+/// Clicks on a session in the list, once it is there; the window has not heard of it yet.
+pub(super) fn choose(harness: &mut Harness<'_, App>, name: &str) {
+    wait_for(harness, |harness| harness.query_by_label(name).is_some());
+    harness.run_steps(2);
+    harness.get_by_label(name).click();
+}
+
+/// Puts a pipe here, in the place of a file if there is one.
+#[cfg(unix)]
+fn pipe(path: &Path) {
+    std::fs::remove_file(path).ok();
+    let made = std::process::Command::new("mkfifo").arg(path).status().unwrap();
+    assert!(made.success(), "no pipe could be made");
 }
 
 fn name(harness: &Harness<'_, App>) -> Option<String> {
@@ -32,8 +47,7 @@ fn the_window_goes_on_while_a_session_is_opened_and_another_overtakes_it() {
     // A pipe is as slow as a disk can be: nothing comes of it until somebody writes.
     let slow = dir.path().join("long/dreams/0002.safetensors");
     let bytes = std::fs::read(&slow).unwrap();
-    std::fs::remove_file(&slow).unwrap();
-    assert!(std::process::Command::new("mkfifo").arg(&slow).status().unwrap().success());
+    pipe(&slow);
 
     let (mut harness, backstage) = window(dir.path(), None, vec2(1280.0, 800.0), false);
     open(&mut harness, "long");
@@ -76,7 +90,7 @@ fn no_session_stays_open_under_a_world_model_that_it_is_not_of() {
     let (mut harness, _) = window(dir.path(), Some(store), vec2(1280.0, 800.0), false);
     // Nothing comes of a pipe until somebody writes.
     let slow = dir.path().join("slow.safetensors");
-    assert!(std::process::Command::new("mkfifo").arg(&slow).status().unwrap().success());
+    pipe(&slow);
     several::drop_on(&mut harness, &slow);
     open(&mut harness, "other");
     wait_for(&mut harness, |harness| harness.query_by_label_contains("session: ").is_none());
@@ -86,6 +100,42 @@ fn no_session_stays_open_under_a_world_model_that_it_is_not_of() {
         harness.query_by_label_contains("dreamed with another world model").is_some()
     });
     assert_eq!(name(&harness), None, "nothing is dreamed into either of them");
+}
+
+#[test]
+#[cfg(unix)]
+fn the_list_of_sessions_fills_in_while_the_window_goes_on() {
+    let dir = tempfile::tempdir().unwrap();
+    for (secs, name) in ["early", "middle", "late", "broken"].into_iter().enumerate() {
+        let at = 1_795_342_500_000 + 1000 * secs as u64;
+        let header = Header::new("dummy-road", Protocol::Drope, 5, &world().parameters.hash(), at);
+        let mut store = SessionStore::create(&dir.path().join(name), header).unwrap();
+        let weights = dropj::query::Weights::car_racing();
+        store.record_at(dropj::session::Event::WeightsChanged { weights }, at).unwrap();
+    }
+    std::fs::write(dir.path().join("broken/session.json"), "{").unwrap();
+    let slow = dir.path().join("middle/session.json");
+    let bytes = std::fs::read(&slow).unwrap();
+    pipe(&slow);
+
+    let (mut harness, _) = window(dir.path(), None, vec2(1280.0, 800.0), false);
+    harness.get_by_label("Sessions…").click();
+    wait_for(&mut harness, |harness| harness.query_by_label("late").is_some());
+    harness.run_steps(10);
+    harness.get_by_label("Looking at the sessions…");
+    assert!(harness.query_by_label("early").is_none(), "the latest come first");
+    let close = harness.get_by_label("Close").rect();
+    harness.get_by_label("late").focus();
+    harness.run_steps(2);
+
+    std::fs::write(&slow, &bytes).unwrap();
+    wait_for(&mut harness, |harness| harness.query_by_label("Looking at the sessions…").is_none());
+    harness.run_steps(10);
+    let tops = ["late", "middle", "early", "broken"].map(|name| harness.get_by_label(name).rect().top());
+    assert!(tops.is_sorted(), "{tops:?}");
+    assert_eq!(harness.get_by_label("Close").rect(), close, "nothing moved away");
+    press(&mut harness, Key::Enter);
+    wait_for(&mut harness, |harness| name(harness).as_deref() == Some("late"));
 }
 
 #[test]

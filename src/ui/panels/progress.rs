@@ -5,8 +5,9 @@ use eframe::egui::{Button, CornerRadius, Rect, Role, Sense, Ui, WidgetInfo, vec2
 
 use crate::session::Session;
 use crate::ui::command::Command;
+use crate::ui::labeling::BREAK_MINUTES;
 use crate::ui::pace::Budget;
-use crate::ui::state::{BREAK_MINUTES, State};
+use crate::ui::state::State;
 use crate::ui::tokens::{self, Tokens};
 
 /// How long the bar is.

@@ -2,13 +2,13 @@
 
 use std::path::PathBuf;
 
-use eframe::egui::{Align, Id, Key, Layout, Modal, RichText, ScrollArea, Ui};
+use eframe::egui::{Align, Id, Key, Layout, Modal, RichText, ScrollArea, Ui, UiBuilder};
 
 use crate::query::Protocol;
 use crate::ui::command::{Command, Field};
 use crate::ui::dialog::Purpose;
 use crate::ui::errands::is_same;
-use crate::ui::state::State;
+use crate::ui::state::{RecentSession, State};
 use crate::ui::tokens::{self, GAP, Tokens};
 use crate::ui::widgets::field::path_ui;
 use crate::ui::widgets::keycap::{KeyButton, Tone};
@@ -85,27 +85,43 @@ fn import_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
 
 fn recent_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
     let tokens = Tokens::of(ui);
-    ui.label(RichText::new("Go on with").strong().color(tokens.text));
-    if state.recent.is_empty() {
-        ui.label(tokens::muted(ui, "None yet."));
-        return;
-    }
+    ui.scope(|ui| {
+        // As high as its words, where other rows are as high as buttons.
+        ui.spacing_mut().interact_size.y = 0.0;
+        ui.horizontal(|ui| {
+            ui.label(RichText::new("Go on with").strong().color(tokens.text));
+            if state.recent.is_looking {
+                ui.label(tokens::small(ui, "Looking at the sessions…"));
+            }
+        });
+    });
     // In a low window the rest must stay in reach.
     let room = (ui.ctx().content_rect().height() - AROUND).clamp(60.0, 190.0);
-    ScrollArea::vertical().id_salt("recent").max_height(room).show(ui, |ui| {
-        for recent in &state.recent {
-            ui.horizontal(|ui| {
-                let is_open = state.store.as_ref().is_some_and(|store| is_same(store.dir(), &recent.dir));
-                let button =
-                    KeyButton::new(&recent.name).tone(if is_open { Tone::Chosen } else { Tone::Plain });
-                if button.enabled(recent.about.is_ok()).is_pressed(ui) {
-                    commands.push(Command::OpenSession(recent.dir.clone()));
-                }
-                match &recent.about {
-                    Ok(about) => ui.label(tokens::small(ui, about.as_str())),
-                    Err(why) => ui.label(tokens::small(ui, why.as_str()).color(tokens.warn)),
-                };
-            });
+    // It takes all its room at once: nothing moves away from under a hand while it fills.
+    let list = ScrollArea::vertical().id_salt("recent").max_height(room).auto_shrink(false);
+    list.show(ui, |ui| {
+        if state.recent.found.is_empty() && !state.recent.is_looking {
+            ui.label(tokens::muted(ui, "None yet."));
         }
+        for recent in &state.recent.found {
+            // Named by its folder, so that it keeps the focus where another comes above it.
+            let row = UiBuilder::new().scope_id(Id::unique("recent").with(&recent.dir));
+            ui.scope_builder(row, |ui| session_ui(ui, state, recent, commands));
+        }
+    });
+}
+
+fn session_ui(ui: &mut Ui, state: &State, recent: &RecentSession, commands: &mut Vec<Command>) {
+    let warn = Tokens::of(ui).warn;
+    ui.horizontal(|ui| {
+        let is_open = state.store.as_ref().is_some_and(|store| is_same(store.dir(), &recent.dir));
+        let button = KeyButton::new(&recent.name).tone(if is_open { Tone::Chosen } else { Tone::Plain });
+        if button.enabled(recent.about.is_ok()).is_pressed(ui) {
+            commands.push(Command::OpenSession(recent.dir.clone()));
+        }
+        match &recent.about {
+            Ok(about) => ui.label(tokens::small(ui, about.as_str())),
+            Err(why) => ui.label(tokens::small(ui, why.as_str()).color(warn)),
+        };
     });
 }
