@@ -136,7 +136,6 @@ impl Deconv {
         let (weight, bias) = (self.weight.to_kind(kind), self.bias.to_kind(kind));
         if !self.is_matrix {
             let x = channels_first(x);
-            // The bias by itself: within the convolution its gradient is slow.
             let y = x.conv_transpose2d(&weight, Some(&bias), [stride; 2], [padding; 2], [0; 2], 1, [1; 2]);
             return channels_last(&y);
         }
