@@ -35,6 +35,9 @@ pub(crate) struct Options {
     /// Steps of Adam
     #[arg(long)]
     updates: Option<usize>,
+    /// How many networks the reward is the mean of [default: the paper's 3]; of preferences alone
+    #[arg(long, value_parser = clap::value_parser!(i64).range(1..))]
+    members: Option<i64>,
     /// Of initialization and order
     #[arg(long, default_value_t = 0)]
     seed: u64,
@@ -81,7 +84,12 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
         fit_sparse(&mut store, &model, config, options.seed)?
     } else {
         let papers = RewardConfig::car_racing();
-        let config = RewardConfig { updates: options.updates.unwrap_or(papers.updates), ..papers };
+        let (updates, members) = (options.updates, options.members);
+        let config = RewardConfig {
+            updates: updates.unwrap_or(papers.updates),
+            members: members.unwrap_or(papers.members),
+            ..papers
+        };
         fit_reward(&mut store, &model, config, options.seed, options.held_out)?
     };
     println!("{} labels, losses {:.4?}, {:.1} s", fit.n_labels, fit.losses, started.elapsed().as_secs_f64());

@@ -9,6 +9,7 @@ use dropj::query::{Justifications, Protocol, Query, Strategy};
 use dropj::reward::RewardConfig;
 use dropj::session::{Answer, DreamSource, Event, Header, SessionStore, now, relative};
 use dropj::simulate::annotator::Annotator;
+use dropj::simulate::player::Manner;
 use dropj::simulate::run::{Answered, Progress, SimulateConfig, simulate};
 
 use super::refit::fit_reward;
@@ -46,6 +47,16 @@ pub(crate) struct Options {
     /// Steps of a dream
     #[arg(long, default_value_t = 1000)]
     steps: usize,
+    /// In how many rounds dreams are played and answered, of preferences; from the second on the planner drives in turns with
+    /// the player, by what was learned so far. Paper: 1
+    #[arg(long, default_value_t = 1)]
+    rounds: usize,
+    /// What the player is after: exploring (off the road nearly half of the time) or touring (fast along it, slow beside it)
+    #[arg(long, value_parser = parse_manner, default_value = "exploring")]
+    manner: Manner,
+    /// How many networks the reward of preferences is the mean of. Paper: 3
+    #[arg(long, value_parser = clap::value_parser!(i64).range(1..), default_value_t = 3)]
+    members: i64,
     /// Of everything drawn
     #[arg(long, default_value_t = 0)]
     seed: u64,
@@ -124,6 +135,14 @@ fn parse_choice(text: &str) -> Result<Strategy, String> {
     }
 }
 
+fn parse_manner(text: &str) -> Result<Manner, String> {
+    match text {
+        "exploring" => Ok(Manner::Exploring),
+        "touring" => Ok(Manner::Touring),
+        _ => Err("a player is exploring or touring".to_owned()),
+    }
+}
+
 /// A justification and its weight.
 pub(super) fn parse_weight(text: &str) -> Result<(String, f32), String> {
     let (name, weight) = text.split_once('=').ok_or("a weight is written name=number")?;
@@ -161,10 +180,21 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
         n_queries: options.queries.unwrap_or(if is_sparse { verdicts::N_QUERIES } else { papers.n_queries }),
         n_dreams: options.dreams.unwrap_or(papers.n_dreams),
         dream_steps: options.steps,
+        n_rounds: options.rounds,
+        manner: options.manner,
+        planner: env.planner(),
+        reward: RewardConfig { members: options.members, ..papers.reward },
         annotator: options.knobs.annotator(),
         strategy: options.choice,
         ..papers
     };
+    anyhow::ensure!(!is_sparse || config.n_rounds == 1, "rounds are for preferences: verdicts have none");
+    anyhow::ensure!(
+        (1..=config.n_dreams).contains(&config.n_rounds),
+        "each round plays a dream: with {} dreams there are 1 to {0} rounds, not {}",
+        config.n_dreams,
+        config.n_rounds
+    );
     for p in [config.annotator.eps_mistake, config.annotator.eps_safety] {
         anyhow::ensure!((0.0..=1.0).contains(&p), "a probability lies between 0 and 1, not {p}");
     }
@@ -198,7 +228,7 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
         let is_undone = (i + 1) * options.undo / n > i * options.undo / n;
         record(&mut store, answered, &options.annotator, is_undone)?;
     }
-    let fit = fit_reward(&mut store, &model, RewardConfig::car_racing(), options.seed, None)?;
+    let fit = fit_reward(&mut store, &model, config.reward.clone(), options.seed, None)?;
     println!(
         "{}: {} dreams, {} queries, {} labels; {:.0} % of the clips unsafe; losses {:.4?}; {:.0} s; {:?}",
         names(&store.session().protocols()),

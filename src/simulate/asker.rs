@@ -20,6 +20,8 @@ const STREAM: u64 = u64::MAX;
 /// Chooses pairs, learning a reward along where that is what chooses.
 pub(super) struct Asker {
     strategy: Strategy,
+    /// How many dreams it has met.
+    n_met: usize,
     lens: Vec<(DreamId, usize)>,
     marks: Vec<(DreamId, usize)>,
     rng: ChaCha8Rng,
@@ -38,26 +40,35 @@ struct Learner {
 }
 
 impl Asker {
-    /// Asks about `dreams` by `strategy`, for which a reward of the shape `reward` is learned if it needs one.
-    pub(super) fn new(
-        model: &WorldModel,
-        dreams: &[DreamEpisode],
-        strategy: Strategy,
-        reward: &RewardConfig,
-        seed: u64,
-    ) -> Self {
-        let numbered = || dreams.iter().enumerate().map(|(i, dream)| (DreamId(i as u32), dream));
-        let marks = numbered().flat_map(|(id, dream)| dream.unsafe_marks.iter().map(move |mark| (id, *mark)));
+    /// Asks by `strategy`, for which a reward of the shape `reward` is learned if it needs one.
+    pub(super) fn new(model: &WorldModel, strategy: Strategy, reward: &RewardConfig, seed: u64) -> Self {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         rng.set_stream(STREAM);
-        let learner = (strategy == Strategy::Disagreement).then(|| Learner::new(model, dreams, reward, seed));
-        let lens = numbered().map(|(id, dream)| (id, dream.len())).collect();
-        Self { strategy, lens, marks: marks.collect(), rng, learner }
+        let learner = (strategy == Strategy::Disagreement).then(|| Learner::new(model, reward, seed));
+        Self { strategy, n_met: 0, lens: Vec::new(), marks: Vec::new(), rng, learner }
+    }
+
+    /// Asks from now on about `dreams`, whose ids follow those of the ones that it met before.
+    pub(super) fn meet(&mut self, model: &WorldModel, dreams: &[DreamEpisode]) {
+        let numbered = || (self.n_met as u32..).map(DreamId).zip(dreams);
+        let marks = numbered().flat_map(|(id, dream)| dream.unsafe_marks.iter().map(move |mark| (id, *mark)));
+        let (lens, marks) = (numbered().map(|(id, dream)| (id, dream.len())).collect(), marks.collect());
+        (self.lens, self.marks) = (lens, marks);
+        self.n_met += dreams.len();
+        if let Some(learner) = &mut self.learner {
+            let read = dreams.iter().map(|dream| (dream.actions.clone(), dream.features(model)));
+            learner.dreams.extend(read);
+        }
+    }
+
+    /// The dreams that are asked about and their lengths.
+    pub(super) fn lens(&self) -> &[(DreamId, usize)] {
+        &self.lens
     }
 
     /// What is asked instead of `query`, which was drawn by chance, and how it was chosen.
     pub(super) fn choose(&mut self, query: Query) -> (Query, Strategy) {
-        let Self { strategy, lens, marks, rng, learner } = self;
+        let Self { strategy, lens, marks, rng, learner, .. } = self;
         let pair = match (*strategy, learner) {
             (Strategy::SafetyBoundary, _) => sample_near_mark(lens, marks, rng),
             (Strategy::Disagreement, Some(learner)) if learner.has_learned => {
@@ -78,12 +89,11 @@ impl Asker {
 }
 
 impl Learner {
-    fn new(model: &WorldModel, dreams: &[DreamEpisode], reward: &RewardConfig, seed: u64) -> Self {
+    fn new(model: &WorldModel, reward: &RewardConfig, seed: u64) -> Self {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         let n_features = model.config().n_features();
         let ensemble = RewardEnsemble::new(n_features, &model.hash(), reward.clone(), &mut rng);
-        let dreams = dreams.iter().map(|dream| (dream.actions.clone(), dream.features(model))).collect();
-        Self { trainer: Trainer::new(ensemble), dreams, rng, n_new: 0, has_learned: false }
+        Self { trainer: Trainer::new(ensemble), dreams: Vec::new(), rng, n_new: 0, has_learned: false }
     }
 
     fn rows(&self, segment: SegmentRef) -> Vec<f32> {

@@ -404,7 +404,7 @@ fn auc(scored: &[(bool, f32)]) -> f64 {
 mod tests {
     use super::*;
     use crate::env::CarRacing;
-    use crate::simulate::player::DreamPlayer;
+    use crate::simulate::player::{DreamPlayer, Manner};
 
     #[test]
     fn the_area_is_one_where_all_positives_stand_above() {
@@ -466,7 +466,7 @@ mod tests {
         let (mut n_off, mut n_clips, mut n_unsafe, mut n_steps, mut n_tiles) = (0, 0, 0, 0, 0);
         for seed in 0..8 {
             let mut env = CarRacing::new(Seed::Native(seed));
-            let mut player = DreamPlayer::new(seed);
+            let mut player = DreamPlayer::new(Manner::Exploring, seed);
             let mut frames = vec![env.frame()];
             let mut offs = Vec::new();
             loop {

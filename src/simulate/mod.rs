@@ -13,6 +13,7 @@ pub mod player;
 pub mod probe;
 pub mod record;
 pub mod run;
+pub mod turns;
 pub mod verdicts;
 
 pub use annotator::{Annotator, Judgement};

@@ -35,12 +35,15 @@ pub struct PilotStyle {
     pub speeds: [f32; 2],
     /// What sideways acceleration is dared in a bend, in units per square second.
     pub daring: f32,
+    /// The fastest speed aimed at off the road, in units a second.
+    pub off_road_speed: f32,
 }
 
 impl PilotStyle {
     /// A bit of everything, in the shares that the recordings aim at.
     pub fn varied() -> Self {
-        Self { excursions: 0.12, pauses: 0.06, keys: 0.5, menu: 0.25, speeds: [10.0, 60.0], daring: 120.0 }
+        let (speeds, off_road_speed) = ([10.0, 60.0], 45.0);
+        Self { excursions: 0.12, pauses: 0.06, keys: 0.5, menu: 0.25, speeds, daring: 120.0, off_road_speed }
     }
 }
 
@@ -96,6 +99,7 @@ impl ScriptedPilot {
             menu: rng.random_range(0.15..0.3),
             speeds: [rng.random_range(8.0..16.0), rng.random_range(45.0..80.0)],
             daring: rng.random_range(60.0..200.0),
+            ..varied
         })
     }
 
@@ -160,7 +164,7 @@ impl ScriptedPilot {
     fn excursion(&self, rng: &mut impl Rng) -> (Intent, f32) {
         let [slow, fast] = self.style.speeds;
         let side = if rng.random_bool(0.5) { 1.0 } else { -1.0 };
-        let speed = rng.random_range(slow..fast.min(45.0));
+        let speed = rng.random_range(slow..fast.min(self.style.off_road_speed));
         match rng.random_range(0..10) {
             0..4 => {
                 let line = side * rng.random_range(7.5..14.0);

@@ -6,10 +6,12 @@ use std::ops::ControlFlow;
 
 use rand::{Rng, RngExt as _, SeedableRng as _};
 use rand_chacha::ChaCha8Rng;
+use serde::{Deserialize, Serialize};
 use tch::Tensor;
 
 use super::pilot::{PilotStyle, ScriptedPilot};
 use super::probe::{GAP, Probe, Sight};
+use super::turns::{Learned, Turns};
 use crate::dream::{DreamEpisode, TEMPERATURE};
 use crate::env::{Action, Frame};
 use crate::planner::{PlannerConfig, candidates};
@@ -18,8 +20,6 @@ use crate::world_model::{LatentState, Memory, Next, Noise, State, WorldModel, ac
 
 /// Steps from one look to the next; a person does not look more often than 25 times a second.
 const LOOK_STEPS: usize = 2;
-/// How often a player tries what the planner might, in the steps in which it does not already: once in so many.
-const STEPS_BETWEEN_TRIES: f64 = 50.0;
 /// How much of a new look replaces what was seen before: dreams tremble.
 const TRUST: f32 = 0.6;
 
@@ -32,12 +32,48 @@ pub fn explorer(rng: &mut impl Rng) -> ScriptedPilot {
         menu: 0.5,
         speeds: [rng.random_range(10.0..20.0), rng.random_range(45.0..70.0)],
         daring: rng.random_range(80.0..250.0),
+        ..PilotStyle::varied()
     })
+}
+
+/// A pilot who gets on, and is slow where there is grass: so that it is not speed that tells safe clips from others.
+fn tourist(rng: &mut impl Rng) -> ScriptedPilot {
+    ScriptedPilot::new(PilotStyle {
+        excursions: rng.random_range(0.08..0.2),
+        pauses: rng.random_range(0.02..0.08),
+        keys: 0.25,
+        menu: 0.5,
+        speeds: [rng.random_range(15.0..25.0), rng.random_range(55.0..80.0)],
+        daring: rng.random_range(150.0..300.0),
+        off_road_speed: 30.0,
+    })
+}
+
+/// What somebody who drives in a dream is after.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Manner {
+    /// Off the road nearly half of the time, at any speed.
+    #[default]
+    Exploring,
+    /// Fast along the road; slow trips onto the grass.
+    Touring,
+}
+
+impl Manner {
+    /// How often a player tries what the planner might, in the steps in which it does not already: once in so many.
+    fn steps_between_tries(self) -> f64 {
+        match self {
+            Self::Exploring => 50.0,
+            Self::Touring => 100.0,
+        }
+    }
 }
 
 /// A stand-in for a person who drives in a dream.
 #[derive(Clone, Debug)]
 pub struct DreamPlayer {
+    manner: Manner,
     pilot: ScriptedPilot,
     rng: ChaCha8Rng,
     seen: Option<Sight>,
@@ -47,10 +83,14 @@ pub struct DreamPlayer {
 
 impl DreamPlayer {
     /// A player whose moods follow from `seed`.
-    pub fn new(seed: u64) -> Self {
+    pub fn new(manner: Manner, seed: u64) -> Self {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         rng.set_stream(1);
-        Self { pilot: explorer(&mut rng), rng, seen: None, tried: Vec::new() }
+        let pilot = match manner {
+            Manner::Exploring => explorer(&mut rng),
+            Manner::Touring => tourist(&mut rng),
+        };
+        Self { manner, pilot, rng, seen: None, tried: Vec::new() }
     }
 
     /// Takes in what a new picture shows.
@@ -64,7 +104,7 @@ impl DreamPlayer {
     /// them all, so the dreams had better show where they lead.
     pub fn act(&mut self) -> Action {
         let Some(seen) = self.seen else { return Action::default() };
-        if self.tried.is_empty() && self.rng.random_bool(1.0 / STEPS_BETWEEN_TRIES) {
+        if self.tried.is_empty() && self.rng.random_bool(1.0 / self.manner.steps_between_tries()) {
             let mut all = candidates(&PlannerConfig::car_racing(), &mut self.rng);
             self.tried = all.swap_remove(self.rng.random_range(0..all.len()));
             self.tried.reverse();
@@ -82,18 +122,22 @@ pub fn play(
     n_steps: usize,
     seed: u64,
 ) -> DreamEpisode {
-    let played = play_all(model, probe, &[(start, seed)], n_steps, &mut |_| ControlFlow::Continue(()));
+    let go_on = &mut |_| ControlFlow::Continue(());
+    let played = play_all(model, probe, &[(start, seed)], n_steps, Manner::Exploring, None, go_on);
     played.into_iter().flatten().next().unwrap_or_else(|| unreachable!("nobody broke off"))
 }
 
 /// Dreams side by side, each from its start and with its own seed; `on_step` hears the count of steps.
 ///
+/// Where something was `learned`, the player and a planner that follows it drive in turns.
 /// Nothing comes where `on_step` breaks off.
 pub fn play_all(
     model: &WorldModel,
     probe: &Probe,
     starts: &[(&LatentState, u64)],
     n_steps: usize,
+    manner: Manner,
+    learned: Option<&Learned>,
     on_step: &mut dyn FnMut(usize) -> ControlFlow<()>,
 ) -> Option<Vec<DreamEpisode>> {
     if starts.is_empty() {
@@ -101,7 +145,9 @@ pub fn play_all(
     }
     let mut dreams: Vec<_> =
         starts.iter().map(|(start, seed)| DreamEpisode::new((*start).clone(), *seed)).collect();
-    let mut players: Vec<_> = starts.iter().map(|(_, seed)| DreamPlayer::new(*seed)).collect();
+    let mut players: Vec<_> = starts.iter().map(|(_, seed)| DreamPlayer::new(manner, *seed)).collect();
+    let mut turns: Vec<_> =
+        starts.iter().map(|(_, seed)| learned.map(|learned| Turns::new(learned, *seed))).collect();
     let mut noises: Vec<_> = starts.iter().map(|(_, seed)| ChaCha8Rng::seed_from_u64(*seed)).collect();
     let mut state = side_by_side(starts);
     let latent = model.config().mdn_rnn.latent;
@@ -120,12 +166,21 @@ pub fn play_all(
                 player.see(sight);
             }
         }
-        let actions: Vec<_> = players.iter_mut().map(DreamPlayer::act).collect();
         let zs = to_vec(&state.z);
-        for ((dream, z), action) in dreams.iter_mut().zip(zs.chunks_exact(latent as usize)).zip(&actions) {
-            dream.zs.push(z);
-            dream.actions.push(*action);
-        }
+        let drivers = players.iter_mut().zip(&mut turns).enumerate();
+        let actions: Vec<_> = drivers
+            .zip(dreams.iter_mut().zip(zs.chunks_exact(latent as usize)))
+            .map(|((i, (player, turns)), (dream, z))| {
+                let planned = turns.as_mut().and_then(|turns| turns.act(model, &only(&state, i)));
+                let action = planned.unwrap_or_else(|| player.act());
+                dream.zs.push(z);
+                dream.actions.push(action);
+                if planned.is_some() {
+                    dream.note_planned();
+                }
+                action
+            })
+            .collect();
         let noise = draw(&mut noises, latent);
         let next = Next::Sample { temperature: TEMPERATURE, noise: &noise };
         state = model.imagine(&state, &actions_tensor(&actions), next);
@@ -150,6 +205,12 @@ fn side_by_side(starts: &[(&LatentState, u64)]) -> State {
     State { z, memory }
 }
 
+/// The state of the dream at `i` as a batch of one.
+fn only(state: &State, i: usize) -> State {
+    let row = |part: &Tensor| part.narrow(0, i as i64, 1);
+    State { z: row(&state.z), memory: Memory { c: row(&state.memory.c), h: row(&state.memory.h) } }
+}
+
 /// Each dream's noise from its own generator, so that it does not matter which dreams are beside it.
 fn draw(rngs: &mut [ChaCha8Rng], latent: i64) -> Noise {
     let noises: Vec<_> = rngs.iter_mut().map(|rng| Noise::draw(1, latent, rng)).collect();
@@ -170,7 +231,7 @@ mod tests {
         let (mut n_off, mut n_steps, mut n_tiles) = (0, 0, 0);
         for seed in 0..12 {
             let mut env = CarRacing::new(Seed::Native(seed));
-            let mut player = DreamPlayer::new(seed);
+            let mut player = DreamPlayer::new(Manner::Exploring, seed);
             loop {
                 player.see(Sight::of(&env.truth()));
                 let outcome = env.advance(player.act());

@@ -1,5 +1,6 @@
 //! The steps between the world model and the reward without a person: dreams are played, queries drawn and answered.
 
+use std::convert::Infallible;
 use std::ops::ControlFlow;
 
 use rand::{RngExt as _, SeedableRng as _};
@@ -8,15 +9,17 @@ use serde::{Deserialize, Serialize};
 
 use super::annotator::{Annotator, Judgement};
 use super::asker::Asker;
-use super::player::play_all;
+use super::player::{Manner, play_all};
 use super::probe::{Probe, Sight};
+use super::turns::Learned;
 use crate::dream::DreamEpisode;
 use crate::env::Frame;
+use crate::planner::PlannerConfig;
 use crate::query::{
-    DreamId, Justifications, Protocol, Query, QueryId, Response, SEGMENT_LEN, SegmentRef, Strategy, Weights,
-    sample_queries,
+    Justifications, LabeledQuery, Protocol, Query, QueryId, Response, SEGMENT_LEN, SegmentRef, Strategy,
+    Weights, sample_queries,
 };
-use crate::reward::RewardConfig;
+use crate::reward::{EpochReport, RewardConfig, fit_anew, segment_rows};
 use crate::world_model::{LatentState, WorldModel};
 
 /// Pictures that are decoded together.
@@ -36,6 +39,16 @@ pub struct SimulateConfig {
     pub n_dreams: usize,
     /// Steps of a dream. Paper: 1000.
     pub dream_steps: usize,
+    /// In how many rounds: each plays its share of the dreams and answers its share of the queries, about those dreams.
+    /// From the second on, the planner drives in turns with the player, by what was learned so far. Paper: 1.
+    #[serde(default = "one")]
+    pub n_rounds: usize,
+    /// How the player drives.
+    #[serde(default)]
+    pub manner: Manner,
+    /// How the planner looks ahead in its turns.
+    #[serde(default = "PlannerConfig::car_racing")]
+    pub planner: PlannerConfig,
     /// Of everything drawn.
     pub seed: u64,
     /// Who answers.
@@ -43,7 +56,7 @@ pub struct SimulateConfig {
     /// How queries are chosen.
     #[serde(default)]
     pub strategy: Strategy,
-    /// What learns along, where queries are chosen by what it is unsure of.
+    /// What learns from the answers of one round, for the next.
     #[serde(default = "RewardConfig::car_racing")]
     pub reward: RewardConfig,
 }
@@ -51,17 +64,17 @@ pub struct SimulateConfig {
 impl SimulateConfig {
     /// The paper's 500 queries over 10 dreams.
     pub fn car_racing(protocol: Protocol, seed: u64) -> Self {
-        let annotator = Annotator::careful();
-        let justifications = Justifications::car_racing();
-        let protocols = vec![protocol];
         Self {
-            protocols,
-            justifications,
+            protocols: vec![protocol],
+            justifications: Justifications::car_racing(),
             n_queries: 500,
             n_dreams: 10,
             dream_steps: 1000,
+            n_rounds: 1,
+            manner: Manner::Exploring,
+            planner: PlannerConfig::car_racing(),
             seed,
-            annotator,
+            annotator: Annotator::careful(),
             strategy: Strategy::Uniform,
             reward: RewardConfig::car_racing(),
         }
@@ -70,8 +83,14 @@ impl SimulateConfig {
     /// The paper's 1000 queries over 60 dreams, with chuckholes and other cars.
     pub fn obstacle_car_racing(protocol: Protocol, seed: u64) -> Self {
         let justifications = Justifications::obstacle_car_racing(true);
-        Self { justifications, n_queries: 1000, n_dreams: 60, ..Self::car_racing(protocol, seed) }
+        let planner = PlannerConfig::obstacle_car_racing();
+        Self { justifications, planner, n_queries: 1000, n_dreams: 60, ..Self::car_racing(protocol, seed) }
     }
+}
+
+/// The paper's number of rounds.
+fn one() -> usize {
+    1
 }
 
 /// Where a simulation stands.
@@ -118,6 +137,24 @@ impl Simulated {
         let n_unsafe = clips.filter(|clip| !clip.is_safe()).count();
         n_unsafe as f64 / (2 * self.answers.len()).max(1) as f64
     }
+
+    /// What the answers so far teach.
+    fn learned(&self, model: &WorldModel, config: &SimulateConfig) -> Learned {
+        let weights = weights(config);
+        let label = |answered: &Answered| {
+            Some(LabeledQuery { query: answered.query, label: weights.label(&answered.response)? })
+        };
+        let labels: Vec<_> = self.answers.iter().filter_map(label).collect();
+        let features: Vec<_> = self.dreams.iter().map(|dream| dream.features(model)).collect();
+        let rows = |segment: SegmentRef| {
+            let i = segment.dream.0 as usize;
+            Ok::<_, Infallible>(segment_rows(&features[i], &self.dreams[i].actions, segment))
+        };
+        let go_on = |_: &EpochReport| ControlFlow::Continue(());
+        let Ok(fitted) = fit_anew(model, config.reward.clone(), config.seed, &labels, rows, go_on);
+        let fitted = fitted.unwrap_or_else(|| unreachable!("nobody stops this fit"));
+        Learned { reward: fitted.trainer.ensemble().frozen(), planner: config.planner.clone() }
+    }
 }
 
 /// Plays and answers, all decided by the seed; dreams begin at the `starts` in turn.
@@ -125,7 +162,7 @@ impl Simulated {
 /// Nothing comes where `on_progress` breaks off.
 ///
 /// # Panics
-/// Where there is no start, or no protocol.
+/// Where there is no start, no protocol, or a round without a dream.
 pub fn simulate(
     model: &WorldModel,
     probe: &Probe,
@@ -141,45 +178,74 @@ pub fn simulate(
         .take(config.n_dreams)
         .map(|start| (start, u64::from(rng.random::<u32>())))
         .collect();
-    let steps = config.dream_steps;
-    let mut dreams =
-        play_all(model, probe, &starts, steps, &mut |step| on_progress(Progress::Played(step, steps)))?;
+    let weights = weights(config);
+    // It learns often, and the paper's members suffice to disagree.
+    let members = config.reward.members.min(RewardConfig::car_racing().members);
+    let asking = RewardConfig { members, ..config.reward.clone() };
+    let mut asker = Asker::new(model, config.strategy, &asking, config.seed);
+    let mut simulated = Simulated { dreams: Vec::new(), answers: Vec::new() };
+    let mut pictures = Vec::new();
+    for round in 0..config.n_rounds {
+        let share = |n: usize| n * round / config.n_rounds..n * (round + 1) / config.n_rounds;
+        let learned = (round > 0).then(|| simulated.learned(model, config));
+        let (steps, n_dreams) = (config.dream_steps, config.n_dreams);
+        let on_step = &mut |step| on_progress(Progress::Played(step, steps));
+        let mut dreams = play_all(
+            model,
+            probe,
+            &starts[share(n_dreams)],
+            steps,
+            config.manner,
+            learned.as_ref(),
+            on_step,
+        )?;
+        for dream in &mut dreams {
+            pictures.push(decoded(model, dream));
+            if config.strategy == Strategy::SafetyBoundary {
+                dream.unsafe_marks = marked(&probe.watch(&pictures[pictures.len() - 1]));
+            }
+            if on_progress(Progress::Decoded(pictures.len(), n_dreams)).is_break() {
+                return None;
+            }
+        }
+        asker.meet(model, &dreams);
+        simulated.dreams.extend(dreams);
+        let queries = share(config.n_queries);
+        let first = QueryId(queries.start as u32);
+        for query in sample_queries(asker.lens(), queries.len(), first, &mut rng) {
+            let answered = answer(config, probe, &pictures, asker.choose(query));
+            asker.hear(answered.query, weights.label(&answered.response));
+            simulated.answers.push(answered);
+            let n_answers = simulated.answers.len();
+            if on_progress(Progress::Answered(n_answers, config.n_queries)).is_break() {
+                return None;
+            }
+        }
+    }
+    Some(simulated)
+}
 
-    let mut pictures = Vec::with_capacity(dreams.len());
-    for dream in &dreams {
-        pictures.push(decoded(model, dream));
-        if on_progress(Progress::Decoded(pictures.len(), dreams.len())).is_break() {
-            return None;
-        }
-    }
+/// What the answers weigh.
+fn weights(config: &SimulateConfig) -> Weights {
+    Weights { justifications: config.justifications.clone(), ..Weights::car_racing() }
+}
 
-    let lens: Vec<_> = dreams.iter().enumerate().map(|(i, dream)| (DreamId(i as u32), dream.len())).collect();
-    let queries = sample_queries(&lens, config.n_queries, QueryId(0), &mut rng);
-    if config.strategy == Strategy::SafetyBoundary {
-        for (dream, pictures) in dreams.iter_mut().zip(&pictures) {
-            dream.unsafe_marks = marked(&probe.watch(pictures));
-        }
-    }
-    let mut asker = Asker::new(model, &dreams, config.strategy, &config.reward, config.seed);
-    let weights = Weights { justifications: config.justifications.clone(), ..Weights::car_racing() };
-    let mut answers = Vec::with_capacity(queries.len());
-    for query in queries {
-        let (query, strategy) = asker.choose(query);
-        let clip = |SegmentRef { dream, start }| &pictures[dream.0 as usize][start..start + SEGMENT_LEN];
-        let [left, right] = [query.left, query.right].map(|at| config.annotator.judge(probe, clip(at)));
-        // A stream of its own: what is said to one query does not hang on the others.
-        let mut rng = ChaCha8Rng::seed_from_u64(config.seed);
-        rng.set_stream(1 + u64::from(query.id.0));
-        let SimulateConfig { annotator, protocols, justifications, .. } = config;
-        let protocol = protocols[answers.len() * protocols.len() / config.n_queries];
-        let response = annotator.answer(protocol, justifications, &left, &right, &mut rng);
-        asker.hear(query, weights.label(&response));
-        answers.push(Answered { query, protocol, strategy, left, right, response });
-        if on_progress(Progress::Answered(answers.len(), config.n_queries)).is_break() {
-            return None;
-        }
-    }
-    Some(Simulated { dreams, answers })
+/// What the annotator says to a query about dreams that look like `pictures`.
+fn answer(
+    config: &SimulateConfig,
+    probe: &Probe,
+    pictures: &[Vec<Frame>],
+    (query, strategy): (Query, Strategy),
+) -> Answered {
+    let SimulateConfig { annotator, protocols, justifications, .. } = config;
+    let clip = |SegmentRef { dream, start }| &pictures[dream.0 as usize][start..start + SEGMENT_LEN];
+    let [left, right] = [query.left, query.right].map(|at| annotator.judge(probe, clip(at)));
+    // A stream of its own: what is said to one query does not hang on the others.
+    let mut rng = ChaCha8Rng::seed_from_u64(config.seed);
+    rng.set_stream(1 + u64::from(query.id.0));
+    let protocol = protocols[query.id.0 as usize * protocols.len() / config.n_queries];
+    let response = annotator.answer(protocol, justifications, &left, &right, &mut rng);
+    Answered { query, protocol, strategy, left, right, response }
 }
 
 /// The steps at which somebody who watches would say that it is unsafe now: once each time the car leaves the road.
@@ -219,7 +285,9 @@ mod tests {
         let config = SimulateConfig {
             n_queries: 6,
             n_dreams: 2,
+            n_rounds: 2,
             dream_steps: 40,
+            reward: RewardConfig::tiny(),
             ..SimulateConfig::car_racing(Protocol::Dropj, 3)
         };
         let run = |config: &SimulateConfig| {
@@ -234,6 +302,9 @@ mod tests {
             "every step is kept"
         );
         assert_eq!(run(&config), Some(first.clone()));
+        let asked_about = |answered: &Answered| [answered.query.left.dream.0, answered.query.right.dream.0];
+        let wanted = [[0, 0]; 3].into_iter().chain([[1, 1]; 3]);
+        assert!(first.answers.iter().map(asked_about).eq(wanted), "each round asks about its own dreams");
         let protocols = vec![Protocol::Drop, Protocol::Drope, Protocol::Dropj];
         let asked = run(&SimulateConfig { protocols: protocols.clone(), ..config.clone() }).unwrap().answers;
         assert_eq!(asked.iter().step_by(2).map(|a| a.protocol).collect::<Vec<_>>(), protocols);
@@ -248,6 +319,7 @@ mod tests {
             let config = SimulateConfig {
                 n_queries: 30,
                 n_dreams: 2,
+                n_rounds: 2,
                 dream_steps: 60,
                 annotator,
                 strategy,
@@ -269,6 +341,24 @@ mod tests {
         let has_marks = near.dreams.iter().any(|dream| !dream.unsafe_marks.is_empty());
         let wanted = if has_marks { Strategy::SafetyBoundary } else { Strategy::Uniform };
         assert!(near.answers.iter().all(|answered| answered.strategy == wanted));
+    }
+
+    #[test]
+    fn the_planner_drives_from_the_second_round_on() {
+        let (model, probe, start) = blank();
+        let config = SimulateConfig {
+            n_queries: 16,
+            n_dreams: 8,
+            n_rounds: 2,
+            dream_steps: 30,
+            reward: RewardConfig::tiny(),
+            ..SimulateConfig::car_racing(Protocol::Drope, 3)
+        };
+        let go_on = &mut |_| ControlFlow::Continue(());
+        let dreams = simulate(&model, &probe, &config, &[start], go_on).unwrap().dreams;
+        let is_planned: Vec<_> = dreams.iter().map(|dream| dream.n_planned() > 0).collect();
+        assert_eq!(is_planned[..4], [false; 4]);
+        assert!(is_planned[4..].contains(&true), "{is_planned:?}");
     }
 
     #[test]

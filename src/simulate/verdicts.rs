@@ -137,8 +137,8 @@ pub fn simulate_dros(
         .map(|start| (start, u64::from(rng.random::<u32>())))
         .collect();
     let steps = config.dream_steps;
-    let dreams =
-        play_all(model, probe, &starts, steps, &mut |step| on_progress(Progress::Played(step, steps)))?;
+    let on_step = &mut |step| on_progress(Progress::Played(step, steps));
+    let dreams = play_all(model, probe, &starts, steps, config.manner, None, on_step)?;
     let lens: Vec<_> = (0..).map(DreamId).zip(dreams.iter().map(DreamEpisode::len)).collect();
     let mut simulated = SimulatedVerdicts { dreams, wanted: Vec::new(), answers: Vec::new() };
     while simulated.answers.len() < config.n_queries {
