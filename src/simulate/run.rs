@@ -124,7 +124,7 @@ pub struct Answered {
 /// What came of a simulation: what a session holds before the reward is fitted.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Simulated {
-    /// In the order of their [`DreamId`]s.
+    /// In the order of their [`DreamId`](crate::query::DreamId)s.
     pub dreams: Vec<DreamEpisode>,
     /// In the order of asking.
     pub answers: Vec<Answered>,
