@@ -41,6 +41,7 @@ pub struct SimulateConfig {
     pub dream_steps: usize,
     /// In how many rounds: each plays its share of the dreams and answers its share of the queries, about those dreams.
     /// From the second on, the planner drives in turns with the player, by what was learned so far. Paper: 1.
+    // DIFFERENCE: with more than one, what is dreamed depends on the answers; in the paper it does not.
     #[serde(default = "one")]
     pub n_rounds: usize,
     /// How the player drives.
