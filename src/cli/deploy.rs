@@ -39,6 +39,9 @@ pub(crate) struct Options {
     /// The track of the first; the others follow by one
     #[arg(long, default_value_t = 0)]
     seed: u64,
+    /// How many steps the planner looks ahead [default: the world's]
+    #[arg(long, value_parser = clap::value_parser!(u16).range(1..=200))]
+    horizon: Option<u16>,
     /// Steps between forgetting all memory; 0 is never
     #[arg(long, default_value_t = 50)]
     memory_reset: usize,
@@ -77,7 +80,8 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
 
     let memory_reset = (options.memory_reset > 0).then_some(options.memory_reset);
     let planner = if reward.is_sparse() { env.planner().for_transitions() } else { env.planner() };
-    let config = PlannerConfig { memory_reset, ..planner };
+    let horizon = options.horizon.map_or(planner.horizon, usize::from);
+    let config = PlannerConfig { horizon, memory_reset, ..planner };
     let tracks = TracksAlike { seed: options.seed };
     let mut episodes = Vec::new();
     let mut steps =

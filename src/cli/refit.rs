@@ -10,8 +10,8 @@ use anyhow::Context as _;
 use dropj::query::{Justifications, Protocol, SegmentRef, Transition, Weights};
 use dropj::reward::sparse::Rules;
 use dropj::reward::{
-    Figures, Fitted, FittedVerdicts, HeldOut, RewardConfig, SparseConfig, fit_anew, fit_verdicts,
-    foretell_held_out, segment_rows, transition_row,
+    Figures, Fitted, FittedVerdicts, HeldOut, RewardConfig, RewardEnsemble, SparseConfig, fit_anew,
+    fit_verdicts, foretell_held_out, segment_rows, transition_row,
 };
 use dropj::session::{Event, Fit, SessionError, SessionStore};
 use dropj::world_model::WorldModel;
@@ -35,7 +35,8 @@ pub(crate) struct Options {
     /// Steps of Adam
     #[arg(long)]
     updates: Option<usize>,
-    /// How many networks the reward is the mean of [default: the paper's 3]; of preferences alone
+    /// How many networks the reward is the mean of [default: as many as before, at first
+    /// the paper's 3]; of preferences alone
     #[arg(long, value_parser = clap::value_parser!(i64).range(1..))]
     members: Option<i64>,
     /// Of initialization and order
@@ -85,9 +86,12 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
     } else {
         let papers = RewardConfig::car_racing();
         let (updates, members) = (options.updates, options.members);
+        let (_, kept) = SessionStore::read_reward(&options.session)?;
+        let kept = kept.map(|parameters| RewardEnsemble::load(&parameters)).transpose()?;
+        let kept = kept.map(|reward| reward.config().members);
         let config = RewardConfig {
             updates: updates.unwrap_or(papers.updates),
-            members: members.unwrap_or(papers.members),
+            members: members.or(kept).unwrap_or(papers.members),
             ..papers
         };
         fit_reward(&mut store, &model, config, options.seed, options.held_out)?

@@ -35,7 +35,8 @@ pub(crate) struct Options {
     /// How many answers are taken back and given again, evenly spread
     #[arg(long, default_value_t = 0)]
     undo: usize,
-    /// How pairs are chosen: uniform, disagreement (of the reward's networks) or boundary (near where the road was left)
+    /// How pairs are chosen: uniform, balanced (seldom two that are likely unsafe), disagreement (of the reward's networks) or
+    /// boundary (near where the road was left)
     #[arg(long, value_parser = parse_choice, default_value = "uniform")]
     choice: Strategy,
     /// Who answers, as the session says it
@@ -129,9 +130,10 @@ fn parse_protocol(text: &str) -> Result<Protocol, String> {
 fn parse_choice(text: &str) -> Result<Strategy, String> {
     match text {
         "uniform" => Ok(Strategy::Uniform),
+        "balanced" => Ok(Strategy::Balanced),
         "disagreement" => Ok(Strategy::Disagreement),
         "boundary" => Ok(Strategy::SafetyBoundary),
-        _ => Err("pairs are chosen by uniform, disagreement or boundary".to_owned()),
+        _ => Err("pairs are chosen by uniform, balanced, disagreement or boundary".to_owned()),
     }
 }
 

@@ -3,6 +3,7 @@
 //! Plain data: no tensor, no file, and no text that a user reads but the words of [`Label`].
 //! What is stored is what was *said*; the label μ is derived from it, so that other weights need no new answers.
 
+pub mod balance;
 pub mod difference;
 pub mod justification;
 pub mod label;
@@ -11,6 +12,7 @@ pub mod segment;
 pub mod strategy;
 pub mod transition;
 
+pub use balance::{KnownSafety, sample_balanced};
 pub use justification::{Justification, JustificationError, Justifications};
 pub use label::{Label, Weights};
 pub use response::{Preference, Protocol, Response, SafetyAnswer, SkipReason};

@@ -143,6 +143,17 @@ pub enum Response {
 }
 
 impl Response {
+    /// Which clips stay safe, left and right; nothing where the answer is not about safety.
+    pub fn safety(self) -> Option<[bool; 2]> {
+        let Self::Safety(answer) = self else { return None };
+        Some(match answer {
+            SafetyAnswer::OnlyLeft => [true, false],
+            SafetyAnswer::OnlyRight => [false, true],
+            SafetyAnswer::Neither => [false, false],
+            SafetyAnswer::Both(_) => [true, true],
+        })
+    }
+
     /// The same response with the sides changed over.
     pub fn mirrored(self) -> Self {
         match self {

@@ -17,6 +17,8 @@ pub enum Strategy {
     /// By chance, every pair being as likely as any other: the paper's way.
     #[default]
     Uniform,
+    /// By chance, but seldom two that are likely unsafe: [`sample_balanced`](crate::query::sample_balanced).
+    Balanced,
     /// Of [`N_CANDIDATES`] pairs the one that the members of the ensemble disagree about most.
     Disagreement,
     /// One segment near a step that a driver marked as unsafe, the other by chance.
@@ -31,6 +33,8 @@ pub struct Mix {
     pub disagreement: u8,
     /// Near marks.
     pub boundary: u8,
+    /// Whether what is left to chance is [balanced](Strategy::Balanced).
+    pub is_balanced: bool,
 }
 
 impl Mix {
@@ -38,21 +42,22 @@ impl Mix {
     #[must_use]
     pub fn clamped(self) -> Self {
         let disagreement = self.disagreement.min(100);
-        Self { disagreement, boundary: self.boundary.min(100 - disagreement) }
+        Self { disagreement, boundary: self.boundary.min(100 - disagreement), ..self }
     }
 
     /// How many of a hundred are drawn by chance.
     pub fn uniform(self) -> u8 {
-        let Self { disagreement, boundary } = self.clamped();
+        let Self { disagreement, boundary, .. } = self.clamped();
         100 - disagreement - boundary
     }
 
     /// The strategy of one query.
     pub fn draw(self, rng: &mut impl Rng) -> Strategy {
-        let Self { disagreement, boundary } = self.clamped();
+        let Self { disagreement, boundary, is_balanced } = self.clamped();
         match rng.random_range(0..100u8) {
             n if n < disagreement => Strategy::Disagreement,
             n if n < disagreement + boundary => Strategy::SafetyBoundary,
+            _ if is_balanced => Strategy::Balanced,
             _ => Strategy::Uniform,
         }
     }
@@ -119,9 +124,9 @@ mod tests {
     #[test]
     fn strategies_are_drawn_in_their_shares() {
         let rng = &mut ChaCha8Rng::seed_from_u64(0);
-        let mix = Mix { disagreement: 30, boundary: 100 }.clamped();
+        let mix = Mix { disagreement: 30, boundary: 100, is_balanced: false }.clamped();
         assert_eq!((mix.boundary, mix.uniform()), (70, 0));
-        let mix = Mix { disagreement: 30, boundary: 20 };
+        let mix = Mix { disagreement: 30, boundary: 20, is_balanced: false };
         let drawn: Vec<_> = (0..2000).map(|_| mix.draw(rng)).collect();
         for (strategy, share) in
             [(Strategy::Uniform, 1000), (Strategy::Disagreement, 600), (Strategy::SafetyBoundary, 400)]
@@ -129,6 +134,14 @@ mod tests {
             let n = drawn.iter().filter(|drawn| **drawn == strategy).count();
             assert!(n.abs_diff(share) < 100, "{n} of {strategy:?} where {share} were due");
         }
+        let balanced = Mix { is_balanced: true, ..mix };
+        let with_chance =
+            |strategy| if strategy == Strategy::Uniform { Strategy::Balanced } else { strategy };
+        let [rng, other] = &mut [ChaCha8Rng::seed_from_u64(1), ChaCha8Rng::seed_from_u64(1)];
+        assert!(
+            (0..100).all(|_| balanced.draw(rng) == with_chance(mix.draw(other))),
+            "chance alone is balanced"
+        );
         assert!(
             (0..100).all(|_| Mix::default().draw(rng) == Strategy::Uniform),
             "the paper's way is the default"

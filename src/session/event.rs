@@ -151,6 +151,8 @@ pub enum Choice {
     /// By chance, every pair of segments being as likely as any other: the paper's way.
     #[default]
     Uniform,
+    /// By chance, but seldom where both segments are likely unsafe.
+    Balanced,
     /// The members of the ensemble disagree about it.
     Disagreement,
     /// One of its segments lies near a step that the driver marked as unsafe.
@@ -165,6 +167,7 @@ impl From<Strategy> for Choice {
     fn from(strategy: Strategy) -> Self {
         match strategy {
             Strategy::Uniform => Self::Uniform,
+            Strategy::Balanced => Self::Balanced,
             Strategy::Disagreement => Self::Disagreement,
             Strategy::SafetyBoundary => Self::SafetyBoundary,
         }

@@ -32,6 +32,7 @@ fn write_row(csv: &mut String, asked: &AskedQuery, given: &Given, weights: &Weig
     let is_again = matches!(choice, Choice::Again(_));
     let choice = match choice {
         Choice::Uniform => "uniform".to_owned(),
+        Choice::Balanced => "balanced".to_owned(),
         Choice::Disagreement => "disagreement".to_owned(),
         Choice::SafetyBoundary => "safety_boundary".to_owned(),
         Choice::Synthesized(acquisition) => made_to_be(acquisition).to_owned(),

@@ -35,8 +35,8 @@ mod trajectories;
 use std::collections::{BTreeMap, BTreeSet};
 
 use crate::query::{
-    DreamId, JudgedTransition, LabeledQuery, Protocol, Query, QueryId, Response, SegmentRef, SkipReason,
-    Transition, Weights,
+    DreamId, JudgedTransition, KnownSafety, LabeledQuery, Protocol, Query, QueryId, Response, SegmentRef,
+    SkipReason, Transition, Weights,
 };
 
 pub use annotators::{AnnotatorReport, Annotators, share_dreams};
@@ -307,6 +307,15 @@ impl Session {
         let asked = self.query(id).filter(|asked| asked.repeats().is_none())?;
         let label = weights.label(&asked.answer()?.answer.response)?;
         Some(LabeledQuery { query: asked.query, label })
+    }
+
+    /// Which clips were said to stay safe.
+    pub fn known_safety(&self) -> KnownSafety {
+        let mut known = KnownSafety::default();
+        for (asked, given) in self.queries.iter().filter_map(|asked| Some((asked, asked.answer()?))) {
+            known.hear([asked.query.left, asked.query.right], given.answer.response);
+        }
+        known
     }
 
     /// The pairs that were looked at, and whether they were skipped because they did not look like the world.

@@ -7,7 +7,7 @@ use rand_chacha::ChaCha8Rng;
 
 use crate::dream::{DreamEpisode, Rows};
 use crate::query::strategy::{N_CANDIDATES, sample_near_mark, sample_pair};
-use crate::query::{DreamId, Label, Query, SegmentRef, Strategy};
+use crate::query::{DreamId, KnownSafety, Label, Query, Response, SegmentRef, Strategy, sample_balanced};
 use crate::reward::{RewardConfig, RewardEnsemble, SegmentPair, Trainer, segment_rows};
 use crate::world_model::WorldModel;
 
@@ -24,6 +24,7 @@ pub(super) struct Asker {
     n_met: usize,
     lens: Vec<(DreamId, usize)>,
     marks: Vec<(DreamId, usize)>,
+    known: KnownSafety,
     rng: ChaCha8Rng,
     learner: Option<Learner>,
 }
@@ -45,7 +46,8 @@ impl Asker {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         rng.set_stream(STREAM);
         let learner = (strategy == Strategy::Disagreement).then(|| Learner::new(model, reward, seed));
-        Self { strategy, n_met: 0, lens: Vec::new(), marks: Vec::new(), rng, learner }
+        let known = KnownSafety::default();
+        Self { strategy, n_met: 0, lens: Vec::new(), marks: Vec::new(), known, rng, learner }
     }
 
     /// Asks from now on about `dreams`, whose ids follow those of the ones that it met before.
@@ -68,8 +70,9 @@ impl Asker {
 
     /// What is asked instead of `query`, which was drawn by chance, and how it was chosen.
     pub(super) fn choose(&mut self, query: Query) -> (Query, Strategy) {
-        let Self { strategy, lens, marks, rng, learner, .. } = self;
+        let Self { strategy, lens, marks, known, rng, learner, .. } = self;
         let pair = match (*strategy, learner) {
+            (Strategy::Balanced, _) => sample_balanced(lens, known, rng),
             (Strategy::SafetyBoundary, _) => sample_near_mark(lens, marks, rng),
             (Strategy::Disagreement, Some(learner)) if learner.has_learned => {
                 let pairs: Vec<_> = (0..N_CANDIDATES).filter_map(|_| sample_pair(lens, rng)).collect();
@@ -81,7 +84,8 @@ impl Asker {
     }
 
     /// Takes in what was answered.
-    pub(super) fn hear(&mut self, query: Query, label: Option<Label>) {
+    pub(super) fn hear(&mut self, query: Query, response: Response, label: Option<Label>) {
+        self.known.hear([query.left, query.right], response);
         if let (Some(learner), Some(label)) = (&mut self.learner, label) {
             learner.hear(query, label);
         }

@@ -215,7 +215,7 @@ pub fn simulate(
         let first = QueryId(queries.start as u32);
         for query in sample_queries(asker.lens(), queries.len(), first, &mut rng) {
             let answered = answer(config, probe, &pictures, asker.choose(query));
-            asker.hear(answered.query, weights.label(&answered.response));
+            asker.hear(answered.query, answered.response, weights.label(&answered.response));
             simulated.answers.push(answered);
             let n_answers = simulated.answers.len();
             if on_progress(Progress::Answered(n_answers, config.n_queries)).is_break() {
@@ -338,6 +338,8 @@ mod tests {
             assert_eq!((other.strategy, other.query.id), (wanted, one.query.id), "ten answers come first");
             assert_eq!(one.query == other.query, i < 10);
         }
+        let balanced = run(Strategy::Balanced);
+        assert!(balanced.answers.iter().all(|answered| answered.strategy == Strategy::Balanced));
         let near = run(Strategy::SafetyBoundary);
         let has_marks = near.dreams.iter().any(|dream| !dream.unsafe_marks.is_empty());
         let wanted = if has_marks { Strategy::SafetyBoundary } else { Strategy::Uniform };

@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::dream::Rows;
 use crate::query::strategy::{N_CANDIDATES, sample_near_mark, sample_pair};
-use crate::query::{DreamId, Mix, Query, SegmentRef, Strategy};
+use crate::query::{DreamId, Mix, Query, SegmentRef, Strategy, sample_balanced};
 use crate::session::{Choice, Event, Session};
 use crate::ui::App;
 use crate::ui::crew::Order;
@@ -102,6 +102,11 @@ impl App {
         let by_chance = (screened(&mut rng, any)?, Choice::Uniform);
         match strategy {
             Strategy::Uniform => Some(by_chance),
+            Strategy::Balanced => {
+                let known = session.known_safety();
+                let balanced = screened(&mut rng, &|rng| sample_balanced(&dreams, &known, rng));
+                Some(balanced.map_or(by_chance, |pair| (pair, Choice::Balanced)))
+            }
             Strategy::SafetyBoundary => {
                 let marks = session.marks();
                 let near = screened(&mut rng, &|rng| sample_near_mark(&dreams, &marks, rng));

@@ -86,6 +86,25 @@ fn a_trainer_that_is_slow_keeps_nobody_waiting() {
 }
 
 #[test]
+fn pairs_are_balanced_where_somebody_wants_that() {
+    for (preferences, wanted) in
+        [("(mix:(is_balanced:true),again:0)", Choice::Balanced), ("(again:0)", Choice::Uniform)]
+    {
+        let dir = tempfile::tempdir().unwrap();
+        let (mut harness, _backstage) = asking(dir.path(), preferences);
+        go(&mut harness, Panel::Label);
+        for _ in 0..8 {
+            press(&mut harness, Key::S);
+        }
+        assert_eq!(answers(&harness).len(), 8);
+        assert!(choices(&harness).iter().all(|choice| *choice == wanted), "{:?}", choices(&harness));
+        let known = harness.state().session().unwrap().session().known_safety();
+        let first = harness.state().session().unwrap().session().queries()[0].query.left;
+        assert_eq!(known.guess(first), Some(false), "what was called unsafe is known to be");
+    }
+}
+
+#[test]
 fn pairs_near_unsafe_marks_are_asked() {
     let dir = tempfile::tempdir().unwrap();
     let mut store = session(dir.path(), Protocol::Dropj);

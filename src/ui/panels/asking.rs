@@ -47,6 +47,7 @@ pub(super) fn card_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
 /// How pairs are chosen, in two words.
 fn in_short(mix: Mix) -> &'static str {
     match (mix.disagreement, mix.boundary, mix.uniform()) {
+        (0, 0, _) if mix.is_balanced => "balanced",
         (0, 0, _) => "by chance",
         (100, ..) => "most unsure",
         (_, 100, _) => "near marks",
@@ -63,7 +64,11 @@ fn mix_ui(ui: &mut Ui, state: &State, asking: &mut Asking) {
     share_ui(ui, &mut mix.boundary, 100, "near what was marked as unsafe")
         .on_hover_text("One clip is from around a step that was marked while driving, the other by chance");
     mix.boundary = mix.boundary.min(most);
-    ui.label(tokens::muted(ui, format!("{} % by chance, as in the paper", mix.uniform())));
+    ui.checkbox(&mut mix.is_balanced, "seldom two that are likely unsafe").on_hover_text(
+        "Goes by what was answered about moments nearby; leaves more queries for what you prefer",
+    );
+    let how = if mix.is_balanced { "balanced" } else { "as in the paper" };
+    ui.label(tokens::muted(ui, format!("{} % by chance, {how}", mix.uniform())));
     for sentence in obstacles(state) {
         let warn = Tokens::of(ui).warn;
         ui.label(tokens::small(ui, sentence).color(warn));
