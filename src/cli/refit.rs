@@ -35,8 +35,8 @@ pub(crate) struct Options {
     /// Steps of Adam
     #[arg(long)]
     updates: Option<usize>,
-    /// How many networks the reward is the mean of [default: as many as before, at first
-    /// the paper's 3]; of preferences alone
+    /// How many networks the reward is the mean of [default: as many as before, at first the paper's 3]; of
+    /// preferences alone
     #[arg(long, value_parser = clap::value_parser!(i64).range(1..))]
     members: Option<i64>,
     /// Of initialization and order
@@ -86,8 +86,9 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
     } else {
         let papers = RewardConfig::car_racing();
         let (updates, members) = (options.updates, options.members);
-        let (_, kept) = SessionStore::read_reward(&options.session)?;
-        let kept = kept.map(|parameters| RewardEnsemble::load(&parameters)).transpose()?;
+        // One of verdicts, or one that cannot be read, says nothing of this and stands in nobody's way.
+        let kept = SessionStore::read_reward(&options.session).ok().and_then(|(_, parameters)| parameters);
+        let kept = kept.and_then(|parameters| RewardEnsemble::load(&parameters).ok());
         let kept = kept.map(|reward| reward.config().members);
         let config = RewardConfig {
             updates: updates.unwrap_or(papers.updates),

@@ -47,7 +47,9 @@ impl KnownSafety {
 
 /// A pair by chance, but of those that are likely unsafe on both sides none, and of those that are so on one only half.
 ///
-/// What is likely follows from what is `known`; nothing comes where no dream is long enough.
+/// What is likely follows from what is `known`, and what is not known may be either; nothing comes where no dream is long
+/// enough.
+// DIFFERENCE: in the paper every pair is as likely as any other (method §6). Ours does so too unless this is asked for.
 pub fn sample_balanced(
     dreams: &[(DreamId, usize)],
     known: &KnownSafety,
