@@ -38,7 +38,7 @@
 //! | M | memory: c, and as many h | 256 |
 //! | K | mixture components per latent coordinate | 5 |
 //! | A | action: steer, gas, brake | 3 |
-//! | E, S, H | ensemble, candidates, horizon | 3, 15, 15 |
+//! | E, S, H | ensemble, candidates, horizon | 3, 15, 25 |
 //! | P | pixels a side | 84 |
 //!
 //! # References

@@ -42,6 +42,9 @@ pub(crate) struct Options {
     /// How many steps the planner looks ahead [default: the world's]
     #[arg(long, value_parser = clap::value_parser!(u16).range(1..=200))]
     horizon: Option<u16>,
+    /// How hard the planner's candidates brake, from 0 to 1 [default: the world's]
+    #[arg(long, value_parser = parse_brake)]
+    brake: Option<f32>,
     /// Steps between forgetting all memory; 0 is never
     #[arg(long, default_value_t = 50)]
     memory_reset: usize,
@@ -54,6 +57,11 @@ pub(crate) struct Options {
     /// Print JSON: an object an episode, then one for the whole
     #[arg(long)]
     json: bool,
+}
+
+fn parse_brake(text: &str) -> Result<f32, String> {
+    let brake = text.parse().map_err(|_| "not a number".to_owned())?;
+    if (0.0..=1.0).contains(&brake) { Ok(brake) } else { Err("not from 0 to 1".to_owned()) }
 }
 
 pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
@@ -81,7 +89,8 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
     let memory_reset = (options.memory_reset > 0).then_some(options.memory_reset);
     let planner = if reward.is_sparse() { env.planner().for_transitions() } else { env.planner() };
     let horizon = options.horizon.map_or(planner.horizon, usize::from);
-    let config = PlannerConfig { horizon, memory_reset, ..planner };
+    let brake = options.brake.unwrap_or(planner.brake);
+    let config = PlannerConfig { horizon, brake, memory_reset, ..planner };
     let tracks = TracksAlike { seed: options.seed };
     let mut episodes = Vec::new();
     let mut steps =

@@ -118,7 +118,7 @@ impl EnvName {
         }
     }
 
-    /// How the authors' planner looks ahead there.
+    /// How the planner looks ahead there.
     fn planner(self) -> PlannerConfig {
         match self {
             Self::CarRacing => PlannerConfig::car_racing(),

@@ -65,7 +65,7 @@ mod tests {
 
     #[test]
     fn six_candidates_keep_to_one_action_and_nine_change_it_once() {
-        let all = candidates(&PlannerConfig::car_racing(), &mut ChaCha8Rng::seed_from_u64(0));
+        let all = candidates(&PlannerConfig::paper(), &mut ChaCha8Rng::seed_from_u64(0));
         assert_eq!(all.len(), N_CANDIDATES);
         let firsts: Vec<_> = all.iter().map(|actions| actions[0].to_array()).collect();
         assert_eq!(firsts[..2], [[0.0, 0.2, 0.0], [-1.0, 0.1, 0.0]]);

@@ -25,11 +25,12 @@ pub use co_driver::CoDriver;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PlannerConfig {
-    /// H: how many steps it imagines. Paper: 15 for preferences, 25 for sparse rewards.
+    /// H: how many steps it imagines. Paper: 15 for preferences, 25 for sparse rewards. Ours in Car Racing: 25.
     pub horizon: usize,
     /// R: how many steps of a plan are driven before the next plan. Paper: 4.
     pub replan: usize,
-    /// How hard the candidates that brake do so: 0.2 in Car Racing, 0.1 with chuckholes, 0.05 with cars too.
+    /// How hard the candidates that brake do so. Paper: 0.2 in Car Racing, 0.1 with chuckholes, 0.05 with cars too. Ours in
+    /// Car Racing: 0.08.
     pub brake: f32,
     /// τ of the imagined mean. Authors' code: 0.1.
     pub temperature: f64,
@@ -39,8 +40,17 @@ pub struct PlannerConfig {
 
 impl PlannerConfig {
     /// The authors' values for Car Racing.
-    pub fn car_racing() -> Self {
+    pub fn paper() -> Self {
         Self { horizon: 15, replan: 4, brake: 0.2, temperature: 0.1, memory_reset: Some(50) }
+    }
+
+    /// Ours for Car Racing: a longer look ahead and a gentler brake.
+    ///
+    /// `// DIFFERENCE:` within the authors' 15 steps their brake of 0.2 takes far more speed away than any gas can give. So
+    /// whichever states a reward likes a little better, it finds more ways to be slow than to be fast, and some cars
+    /// crawl. With 0.08 the two are alike; 25 steps let so gentle a brake come in time. The README has the measurements.
+    pub fn car_racing() -> Self {
+        Self { horizon: 25, brake: 0.08, ..Self::paper() }
     }
 
     /// The same for a reward that was learned from single transitions: it looks 25 steps ahead.
@@ -50,12 +60,12 @@ impl PlannerConfig {
 
     /// The authors' values for Obstacle Car Racing with chuckholes and other cars.
     pub fn obstacle_car_racing() -> Self {
-        Self { brake: 0.05, ..Self::car_racing() }
+        Self { brake: 0.05, ..Self::paper() }
     }
 
     /// The authors' values for Obstacle Car Racing with chuckholes alone.
     pub fn obstacle_car_racing_chuckholes() -> Self {
-        Self { brake: 0.1, ..Self::car_racing() }
+        Self { brake: 0.1, ..Self::paper() }
     }
 }
 
@@ -173,7 +183,7 @@ mod tests {
         let model = untrained(&WorldModelConfig::tiny(), &mut rng());
         let plan = plan(&model, &RightTurner, &here(&model), &PlannerConfig::car_racing(), &mut rng());
         // Candidates 2 and 5 turn right throughout; the former comes first.
-        assert_eq!((plan.chosen, plan.best().predicted_return), (2, 15.0));
+        assert_eq!((plan.chosen, plan.best().predicted_return), (2, 25.0));
         assert_eq!(plan.candidates[0].predicted_return, 0.0);
         assert_eq!(first_maximum(&[1.0, 3.0, 3.0, f32::NAN]), 1);
     }

@@ -105,7 +105,7 @@ impl DreamPlayer {
     pub fn act(&mut self) -> Action {
         let Some(seen) = self.seen else { return Action::default() };
         if self.tried.is_empty() && self.rng.random_bool(1.0 / self.manner.steps_between_tries()) {
-            let mut all = candidates(&PlannerConfig::car_racing(), &mut self.rng);
+            let mut all = candidates(&PlannerConfig::paper(), &mut self.rng);
             self.tried = all.swap_remove(self.rng.random_range(0..all.len()));
             self.tried.reverse();
         }

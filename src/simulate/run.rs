@@ -48,7 +48,7 @@ pub struct SimulateConfig {
     #[serde(default)]
     pub manner: Manner,
     /// How the planner looks ahead in its turns.
-    #[serde(default = "PlannerConfig::car_racing")]
+    #[serde(default = "PlannerConfig::paper")]
     pub planner: PlannerConfig,
     /// Of everything drawn.
     pub seed: u64,

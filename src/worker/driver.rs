@@ -250,7 +250,7 @@ mod tests {
         };
         drop(driver);
         assert_eq!((seen.candidates.len(), seen.candidates[seen.chosen].frames.len()), (15, 3));
-        assert_eq!(seen.candidates[0].actions, "straight fast 15");
+        assert_eq!(seen.candidates[0].actions, "straight fast 25");
         assert_eq!(seen.picture.2.len() as u32, 3 * seen.picture.0 * seen.picture.1);
     }
 

@@ -37,21 +37,25 @@ fn here(model: &WorldModel) -> State {
     State { z: model.observe(&[frame]), memory: model.no_memory(1) }
 }
 
-fn plan_in(bencher: Bencher<'_, '_>, kind: Kind) {
+fn plan_in(bencher: Bencher<'_, '_>, kind: Kind, config: &PlannerConfig) {
     let model = untrained(&WorldModelConfig::car_racing(), &mut rng());
-    let (reward, state, config, mut rng) =
-        (ensemble(kind).frozen(), here(&model), PlannerConfig::car_racing(), rng());
-    bencher.bench_local(|| plan(&model, &reward, &state, &config, &mut rng).chosen);
+    let (reward, state, mut rng) = (ensemble(kind).frozen(), here(&model), rng());
+    bencher.bench_local(|| plan(&model, &reward, &state, config, &mut rng).chosen);
 }
 
 #[divan::bench(sample_count = 200, sample_size = 1)]
 fn plan_15_times_15_f32(bencher: Bencher<'_, '_>) {
-    plan_in(bencher, Kind::Float);
+    plan_in(bencher, Kind::Float, &PlannerConfig::paper());
 }
 
 #[divan::bench(sample_count = 200, sample_size = 1)]
 fn plan_15_times_15_fast(bencher: Bencher<'_, '_>) {
-    plan_in(bencher, fast_kind());
+    plan_in(bencher, fast_kind(), &PlannerConfig::paper());
+}
+
+#[divan::bench(sample_count = 200, sample_size = 1)]
+fn plan_15_times_25_fast(bencher: Bencher<'_, '_>) {
+    plan_in(bencher, fast_kind(), &PlannerConfig::car_racing());
 }
 
 fn fit_in(bencher: Bencher<'_, '_>, kind: Kind) {
