@@ -1,7 +1,10 @@
 //! The path of the work, and how far it is.
 
+use std::sync::Arc;
+
+use eframe::egui::text::{LayoutJob, TextWrapping};
 use eframe::egui::{
-    Align, Align2, Color32, CornerRadius, FontId, Key, Layout, Modifiers, Pos2, Rect, Role, Sense, Shape,
+    Align, Align2, Color32, CornerRadius, FontId, Galley, Key, Layout, Modifiers, Pos2, Role, Sense, Shape,
     Stroke, Ui, WidgetInfo, pos2, vec2,
 };
 
@@ -156,10 +159,16 @@ fn step_ui(
     painter.text(pos2(left, center.y - 8.0), Align2::LEFT_CENTER, name, FontId::proportional(14.5), ink);
     let font = FontId::proportional(12.5);
     let ink = if progress == Progress::Running { tokens.accent } else { tokens.faint };
-    let galley = ui.painter().layout_no_wrap(about.to_owned(), font, ink);
-    let below = Rect::from_min_max(pos2(left, center.y), rect.max);
-    ui.painter().with_clip_rect(below).galley(pos2(left, center.y + 1.0), galley, ink);
+    let galley = one_line(ui, about, font, ink, rect.right() - 6.0 - left);
+    ui.painter().galley(pos2(left, center.y + 1.0), galley, ink);
     response.clicked()
+}
+
+/// `text` in a line that ends in … where it does not fit into `width`.
+fn one_line(ui: &Ui, text: &str, font: FontId, ink: Color32, width: f32) -> Arc<Galley> {
+    let mut job = LayoutJob::simple_singleline(text.to_owned(), font, ink);
+    job.wrap = TextWrapping::truncate_at_width(width);
+    ui.painter().layout_job(job)
 }
 
 /// How much of a step is done, around its number.
@@ -210,9 +219,8 @@ fn session_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
         _ => ("No session yet".to_owned(), "the first dream begins one".to_owned()),
     };
     let text = |y: f32, text: String, size: f32, ink| {
-        let galley = ui.painter().layout_no_wrap(text, FontId::proportional(size), ink);
-        let clipped = ui.painter().with_clip_rect(rect.shrink2(vec2(10.0, 0.0)));
-        clipped.galley(pos2(rect.left() + 12.0, rect.top() + y), galley, ink);
+        let galley = one_line(ui, &text, FontId::proportional(size), ink, rect.width() - 24.0);
+        ui.painter().galley(pos2(rect.left() + 12.0, rect.top() + y), galley, ink);
     };
     text(9.0, name, 13.5, tokens.text);
     text(29.0, about, 12.5, tokens.faint);
