@@ -158,6 +158,7 @@ mod tests {
     use rand_chacha::ChaCha8Rng;
 
     use super::*;
+    use crate::env::{CarRacing, Env as _, Seed};
     use crate::reward::{RewardConfig, RewardEnsemble};
     use crate::world_model::{WorldModelConfig, untrained};
 
@@ -201,6 +202,26 @@ mod tests {
             let apart = alone.best().zs.values.iter().zip(&one.zs.values).map(|(a, b)| (a - b).abs());
             assert!(apart.fold(0.0, f32::max) < 1e-5, "the latents are the same too");
         }
+    }
+
+    #[test]
+    fn our_brake_takes_about_as_much_speed_as_gas_gives_and_the_authors_takes_more() {
+        let after = |last: Action| {
+            let mut car = CarRacing::new(Seed::Native(0));
+            let gas = Action::new(0.0, 0.2, 0.0);
+            for action in [vec![gas; 60], vec![last; 15]].concat() {
+                car.advance(action);
+            }
+            assert_eq!(car.truth().wheels_off, 0, "grass would slow it down too");
+            car.truth().speed
+        };
+        let coasting = after(Action::default());
+        let given = after(Action::new(0.0, 0.2, 0.0)) - coasting;
+        let taken = |config: &PlannerConfig| coasting - after(Action::new(0.0, 0.1, config.brake));
+        let [ours, authors] =
+            [PlannerConfig::car_racing(), PlannerConfig::paper()].map(|config| taken(&config));
+        assert!((0.5 * given..2.0 * given).contains(&ours), "gas gives {given}, the brake takes {ours}");
+        assert!(authors > 3.0 * given, "gas gives {given}, the authors' brake takes {authors}");
     }
 
     #[test]
