@@ -53,7 +53,7 @@ impl PlannerConfig {
         Self { horizon: 25, brake: 0.08, ..Self::paper() }
     }
 
-    /// The same for a reward that was learned from single transitions: it looks 25 steps ahead.
+    /// The same for a reward that was learned from single transitions: it looks 25 steps ahead, as the authors' does.
     pub fn for_transitions(self) -> Self {
         Self { horizon: 25, ..self }
     }

@@ -6,9 +6,9 @@ use crate::env::Action;
 
 /// The most that the front wheels turn, in radians; steering beyond it does nothing more.
 pub(super) const LOCK: f32 = 0.4;
-/// The brake of the planner's menu (method §11).
+/// The brake of the authors' menu (method §11): harder than our planner's, so that dreams know both.
 const MENU_BRAKE: f32 = 0.2;
-/// The longest that an action of the menu is held, in steps: the planner's horizon.
+/// The longest that an action of the menu is held, in steps: the authors' horizon.
 const MENU_HOLD: u32 = 15;
 
 /// What the driver wants of the car.

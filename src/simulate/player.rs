@@ -100,8 +100,8 @@ impl DreamPlayer {
 
     /// The action of this step; none before anything was seen.
     ///
-    /// Now and then it is one of the planner's courses of action, whatever comes of it: the reward will be asked about
-    /// them all, so the dreams had better show where they lead.
+    /// Now and then it is one of the authors' planner's courses of action, whatever comes of it: the reward will be asked
+    /// about such, so the dreams had better show where they lead. Ours brakes less hard, and lies between those.
     pub fn act(&mut self) -> Action {
         let Some(seen) = self.seen else { return Action::default() };
         if self.tried.is_empty() && self.rng.random_bool(1.0 / self.manner.steps_between_tries()) {
