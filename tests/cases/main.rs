@@ -1,0 +1,10 @@
+//! Inputs that failed once, and their kind: damaged, foreign, crafted, moved, or given twice.
+//!
+//! Each is made here from what the program itself writes, so that no test depends on a file of an earlier format.
+//! What is tried is the program as a user starts it, or the library where only that can be watched.
+#![expect(clippy::unwrap_used, reason = "a failing test may panic")]
+
+#[path = "../support/program.rs"]
+mod program;
+
+mod starting;
