@@ -56,6 +56,13 @@ pub fn replace_file(path: &Path, bytes: &[u8]) -> io::Result<()> {
     sync_folder(path)
 }
 
+/// Tells the log that `what` of this number is in the file at `path`, whatever happens to the program from now on.
+///
+/// `RUST_LOG=dropj::saved=debug` shows it; `.ci/kill-test` holds the program to it.
+pub fn log_saved(what: &str, number: u64, path: &Path) {
+    log::debug!(target: "dropj::saved", "saved: {what} {number}: {path:?}");
+}
+
 /// Forces the name of `path`, rather than its content, to disk.
 pub fn sync_folder(path: &Path) -> io::Result<()> {
     // Elsewhere folders cannot be opened, and need not be.

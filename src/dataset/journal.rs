@@ -20,6 +20,7 @@ use sha2::{Digest as _, Sha256};
 
 use super::{DatasetError, EpisodeInfo, StepRecord, disk, png};
 use crate::env::{Action, Contacts, Frame};
+use crate::run::log_saved;
 
 /// What a journal begins with.
 const MAGIC: &[u8] = b"dropj journal 1\n";
@@ -132,6 +133,7 @@ impl Recording {
         self.append(&record(&row.to_payload()))?;
         self.side = Some(step.frame.side());
         self.take.rows.push(row);
+        log_saved("step", self.take.rows.len() as u64, &self.path);
         Ok(())
     }
 

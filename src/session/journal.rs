@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 
 use crate::dream::DreamEpisode;
 use crate::env::Action;
+use crate::run::log_saved;
 use crate::session::error::SessionError;
 use crate::session::event::DreamSource;
 use crate::world_model::LatentState;
@@ -79,6 +80,7 @@ impl DreamJournal {
         let tried = "write to the journal of a dream";
         self.file.write_all(&bytes).map_err(SessionError::disk(tried, &self.path))?;
         (self.n_steps, self.n_marks) = (episode.len(), episode.unsafe_marks.len());
+        log_saved("dream step", self.n_steps as u64, &self.path);
         Ok(())
     }
 

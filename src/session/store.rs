@@ -6,7 +6,7 @@ use std::time::SystemTime;
 use crate::dream::DreamEpisode;
 use crate::planner::synthesis::Acquisition;
 use crate::query::DreamId;
-use crate::run::sync_folder;
+use crate::run::{log_saved, sync_folder};
 use crate::session::error::SessionError;
 use crate::session::event::{DreamSource, Event, Fit, KeptDream};
 use crate::session::header::{FORMAT, Header};
@@ -79,6 +79,7 @@ impl SessionStore {
         self.session.check(&event)?;
         let entry = self.log.append(event, at)?;
         self.session.apply(&entry)?;
+        log_saved("line", entry.seq, &self.dir.join(LOG_FILE));
         Ok(())
     }
 
