@@ -258,7 +258,8 @@ impl Soak {
     /// Everything that is written in the window.
     fn seen(&self) -> String {
         let all = self.window.query_all(kittest::By::new().predicate(|_| true));
-        let texts = all.filter_map(|node| node.accesskit_node().label().or_else(|| node.accesskit_node().value()));
+        let texts =
+            all.filter_map(|node| node.accesskit_node().label().or_else(|| node.accesskit_node().value()));
         texts.collect::<Vec<_>>().join(" | ")
     }
 

@@ -159,6 +159,26 @@ mod tests {
         assert_eq!(mu(SafetyAnswer::Both(Preference::Equal)), 0.5);
     }
 
+    // Eq. 2 with w = (1, 0.95, 0.75), as the paper's Figure 8 has them: μ = w_k* if left is preferred, 1 − w_k* if right.
+    #[test]
+    fn the_label_of_a_justified_preference_is_that_of_equation_2() {
+        let named = [("grass", 1.0), ("chuckhole", 0.95), ("default", 0.75)];
+        let justifications = crate::query::Justifications::new(named).unwrap();
+        let weights = Weights { justifications, ..Weights::car_racing() };
+        let mu = |name: &str, preference| {
+            let justification = weights.justifications.named(name).unwrap();
+            weights.label(&Response::Justified(justification, preference)).unwrap().mu()
+        };
+        for (name, expected) in
+            [("grass", [1.0, 0.5, 0.0]), ("chuckhole", [0.95, 0.5, 0.05]), ("default", [0.75, 0.5, 0.25])]
+        {
+            let sides = [Preference::Left, Preference::Equal, Preference::Right].map(|side| mu(name, side));
+            let apart =
+                sides.iter().zip(expected).map(|(mu, expected)| (mu - expected).abs()).fold(0.0, f32::max);
+            assert!(apart < 1e-6, "{name}: {sides:?} instead of {expected:?}");
+        }
+    }
+
     fn any_preference() -> impl Strategy<Value = Preference> {
         prop::sample::select(vec![Preference::Left, Preference::Equal, Preference::Right])
     }

@@ -290,6 +290,43 @@ mod tests {
         assert!(mixture.mean(0.1).double_value(&[0, 0]) > 0.99, "a low temperature sharpens");
     }
 
+    /// Three Gaussians of one coordinate that differ in everything.
+    fn uneven() -> Mixture {
+        let of = |values: [f32; 3]| from_slice(&values, &[1, 1, 3]);
+        Mixture {
+            log_pi: of([0.3, -1.2, 0.5]).log_softmax(-1, Kind::Float),
+            mean: of([-1.0, 0.5, 2.0]),
+            log_std: of([-0.7, 0.2, 1.1]),
+        }
+    }
+
+    // The expected numbers are those of
+    //
+    //   from torch import tensor
+    //   from torch.distributions import Categorical, MixtureSameFamily, Normal
+    //   std = tensor([-0.7, 0.2, 1.1], dtype=float).exp()
+    //   means = Normal(tensor([-1.0, 0.5, 2.0], dtype=float), std)
+    //   mixture = MixtureSameFamily(Categorical(logits=tensor([0.3, -1.2, 0.5], dtype=float)), means)
+    //   -mixture.log_prob(tensor([-2.5, 0.1, 4.0], dtype=float))
+    #[test]
+    fn the_likelihood_is_pytorchs_away_from_the_means_and_with_scales_other_than_one() {
+        for (y, expected) in [(-2.5, 3.630_628_2), (0.1, 2.199_630_7), (4.0, 2.925_200_3)] {
+            let nll = uneven().nll(&from_slice(&[y], &[1, 1])).double_value(&[0, 0]);
+            assert!((nll - expected).abs() < 1e-5, "of {y}: {nll} instead of {expected}");
+        }
+    }
+
+    // By hand, for τ = 0.25: softmax(log π / τ) = [0.3098, 0.0008, 0.6894], of which u = 0.2 picks the first and u = 0.9 the
+    // last; √τ = 0.5, so that a normal draw of −1.5 gives −1 − 0.75 e^−0.7 and 2 − 0.75 e^1.1.
+    #[test]
+    fn temperature_sharpens_the_choice_and_shrinks_deviations_by_its_root() {
+        for (u, expected) in [(0.2, -1.372_439), (0.9, -0.253_125)] {
+            let noise = Noise { uniform: from_slice(&[u], &[1, 1]), normal: from_slice(&[-1.5], &[1, 1]) };
+            let drawn = uneven().sample(0.25, &noise).double_value(&[0, 0]);
+            assert!((drawn - expected).abs() < 1e-5, "for u = {u}: {drawn} instead of {expected}");
+        }
+    }
+
     #[test]
     fn running_a_sequence_is_remembering_step_by_step() {
         let store = nn::VarStore::new(Device::Cpu);

@@ -268,6 +268,38 @@ mod tests {
         assert_eq!(loss.divergence.double_value(&[]), 16.0);
     }
 
+    /// A toy whose encoder says the same of every picture, and whose decoder paints all alike.
+    fn constant(store: &nn::VarStore) -> Vae {
+        let vae = Vae::new(&store.root(), VaeConfig::tiny(), Kind::Float, &mut rng());
+        let outputs = [
+            ("fc_mu.bias", vec![0.5, -1.0, 2.0, 0.0]),
+            ("fc_logvar.bias", vec![0.2, -0.4, 0.0, 1.0]),
+            ("deconv2.bias", vec![0.2, -0.3, 1.0]),
+        ];
+        for (name, mut variable) in store.variables() {
+            let value = outputs.iter().find(|(of, _)| *of == name).map(|(_, value)| value);
+            let value =
+                value.map_or_else(|| variable.zeros_like(), |value: &Vec<f32>| Tensor::from_slice(value));
+            tch::no_grad(|| variable.copy_(&value.view_as(&variable)));
+        }
+        vae
+    }
+
+    // By hand: Σ_c (σ(b_c) − 0.4)² = 0.02245 + 0.00065 + 0.10960 over 400 pixels makes 53.081, and
+    // −½ Σ (1 + logvar − μ² − e^logvar) = 3.030002, which is above the floor of 0.4.
+    #[test]
+    fn the_loss_sums_squares_over_a_picture_and_adds_the_divergence() {
+        let store = nn::VarStore::new(Device::Cpu);
+        let vae = constant(&store);
+        let pixels = Tensor::full([3, 20, 20, 3], 0.4, (Kind::Float, Device::Cpu));
+        let loss = vae.loss(&pixels, &normal(&mut rng(), &[3, 4]));
+        let sum: f64 = [0.2f64, -0.3, 1.0].iter().map(|b| (1.0 / (1.0 + (-b).exp()) - 0.4).powi(2)).sum();
+        let reconstruction = loss.reconstruction.double_value(&[]);
+        assert!((reconstruction - 400.0 * sum).abs() < 1e-3, "{reconstruction} instead of {}", 400.0 * sum);
+        let divergence = loss.divergence.double_value(&[]);
+        assert!((divergence - 3.030_002_3).abs() < 1e-5, "{divergence}");
+    }
+
     #[test]
     fn emphasis_weighs_what_is_blue_or_yellow_and_its_surroundings() {
         let store = nn::VarStore::new(Device::Cpu);
