@@ -48,7 +48,7 @@ impl PlannerConfig {
     ///
     /// `// DIFFERENCE:` within the authors' 15 steps their brake of 0.2 takes far more speed away than any gas can give. So
     /// whichever states a reward likes a little better, it finds more ways to be slow than to be fast, and some cars
-    /// crawl. With 0.08 the two are alike; 25 steps let so gentle a brake come in time. The README has the measurements.
+    /// crawl. With 0.08 the two are alike; 25 steps let so gentle a brake come in time. assets/results has the measurements.
     pub fn car_racing() -> Self {
         Self { horizon: 25, brake: 0.08, ..Self::paper() }
     }
