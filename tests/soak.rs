@@ -26,13 +26,13 @@ use rand_chacha::ChaCha8Rng;
 use real_window::{FRAME, real_window};
 
 /// For how long, where nobody says otherwise.
-const MINUTES: f64 = 0.4;
+const MINUTES: f64 = 0.3;
 /// Steps of a dream.
 const DREAM_SECS: f32 = 2.5;
 /// Queries of a session.
 const N_ANSWERS: usize = 20;
 /// How long anything may take.
-const PATIENCE: Duration = Duration::from_secs(40);
+const PATIENCE: Duration = Duration::from_secs(120);
 /// Sessions that are kept on disk.
 const N_KEPT: usize = 4;
 
