@@ -30,7 +30,7 @@ use dropj::world_model::WorldModel;
 use proptest::prelude::*;
 use proptest::test_runner::{Config, RngAlgorithm, TestRng, TestRunner};
 
-use mutation::{Mutation, mutations};
+use mutation::mutations;
 
 /// Inputs of each target, where nobody says otherwise.
 const N_INPUTS: u32 = 300;

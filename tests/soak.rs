@@ -32,7 +32,7 @@ const DREAM_SECS: f32 = 2.5;
 /// Queries of a session.
 const N_ANSWERS: usize = 20;
 /// How long anything may take.
-const PATIENCE: Duration = Duration::from_secs(120);
+const PATIENCE: Duration = Duration::from_mins(2);
 /// Sessions that are kept on disk.
 const N_KEPT: usize = 4;
 

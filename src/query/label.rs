@@ -163,7 +163,7 @@ mod tests {
     #[test]
     fn the_label_of_a_justified_preference_is_that_of_equation_2() {
         let named = [("grass", 1.0), ("chuckhole", 0.95), ("default", 0.75)];
-        let justifications = crate::query::Justifications::new(named).unwrap();
+        let justifications = Justifications::new(named).unwrap();
         let weights = Weights { justifications, ..Weights::car_racing() };
         let mu = |name: &str, preference| {
             let justification = weights.justifications.named(name).unwrap();
