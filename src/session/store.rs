@@ -80,6 +80,11 @@ impl SessionStore {
         })
     }
 
+    /// A folder called `name` in `folder`, or the like where there is one already.
+    pub fn free_folder(folder: &Path, name: &str) -> PathBuf {
+        free_folder(folder, name)
+    }
+
     /// Whether sessions can be kept in the folder `sessions`, made if need be; nothing is left of the looking.
     pub fn check_folder(sessions: &Path) -> Result<(), SessionError> {
         Ok(check_folder(sessions)?)
