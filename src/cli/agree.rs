@@ -2,8 +2,8 @@
 
 use std::path::PathBuf;
 
-use anyhow::Context as _;
 use dropj::evaluation::{Agreement, aligned};
+use dropj::run::{Kind, OutputFile};
 use dropj::session::{Annotators, SessionStore, hand_on, merge};
 
 #[derive(Debug, clap::Args)]
@@ -42,6 +42,7 @@ pub(crate) struct HandOnOptions {
 }
 
 pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
+    let csv = options.csv.as_deref().map(|path| OutputFile::at(path, Kind::Table)).transpose()?;
     let mut sessions = Vec::new();
     for dir in &options.sessions {
         let name = dir.file_name().unwrap_or_default().to_string_lossy().into_owned();
@@ -52,9 +53,8 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
         .map(|(name, session)| (options.by_session.then_some(name.as_str()), session))
         .collect();
     let annotators = Annotators::of(&called);
-    if let Some(path) = &options.csv {
-        std::fs::write(path, annotators.to_csv())
-            .with_context(|| format!("cannot write the table {path:?}"))?;
+    if let Some(csv) = csv {
+        csv.write(annotators.to_csv().as_bytes())?;
     }
     println!("{}", table_of_each(&annotators));
     if annotators.pairs.is_empty() {

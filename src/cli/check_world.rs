@@ -2,10 +2,10 @@
 
 use std::path::PathBuf;
 
-use anyhow::Context as _;
 use dropj::dataset::Dataset;
 use dropj::env::Frame;
 use dropj::evaluation::fidelity::{Fidelity, HORIZON, Stretch, fidelity};
+use dropj::run::{Kind, OutputFile};
 use dropj::world_model::fit::{FitConfig, Split};
 
 use super::models;
@@ -30,6 +30,7 @@ pub(crate) struct Options {
 }
 
 pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
+    let picture = options.picture.as_deref().map(|path| OutputFile::at(path, Kind::Picture)).transpose()?;
     let dataset = Dataset::open(&options.data)?;
     let model = models::world_model(&options.world)?;
     let n = dataset.n_episodes();
@@ -42,10 +43,9 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
     );
     let (figures, stretches) = fidelity(&model, &dataset, &held_out, options.stretches, 0)?;
     println!("{}", serde_json::json!({"steps": Fidelity::STEPS, "figures": figures}));
-    if let Some(path) = &options.picture {
-        draw(&stretches[..stretches.len().min(3)])
-            .save(path)
-            .with_context(|| format!("cannot write the picture {path:?}"))?;
+    if let Some(picture) = picture {
+        let drawn = draw(&stretches[..stretches.len().min(3)]);
+        picture.write(&super::png(drawn.as_raw(), drawn.width(), drawn.height())?)?;
     }
     Ok(())
 }

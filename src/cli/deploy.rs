@@ -10,6 +10,7 @@ use dropj::evaluation::{
 };
 use dropj::planner::{Agent, PlannerConfig};
 use dropj::reward::{LearnedReward, RewardConfig, RewardEnsemble};
+use dropj::run::{Kind, OutputFile};
 use dropj::session::{Header, SessionStore};
 use rand::SeedableRng as _;
 use rand_chacha::ChaCha8Rng;
@@ -66,6 +67,8 @@ fn parse_brake(text: &str) -> Result<f32, String> {
 
 pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
     tch::set_num_threads(1);
+    let table_of_steps =
+        options.steps.as_deref().map(|path| OutputFile::at(path, Kind::Table)).transpose()?;
     let header = options.session.as_deref().map(Header::read).transpose()?;
     let own = header.map(|header| EnvName::named(&header.env)).transpose()?;
     let env = options.env.or(own).unwrap_or(EnvName::CarRacing);
@@ -125,8 +128,8 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
         }
         episodes.push(metrics);
     }
-    if let Some(path) = &options.steps {
-        std::fs::write(path, steps).with_context(|| format!("cannot write the table of steps {path:?}"))?;
+    if let Some(table) = table_of_steps {
+        table.write(steps.as_bytes())?;
     }
     let summary = Summary::of(&episodes);
     if options.json {

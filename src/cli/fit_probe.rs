@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use std::time::Instant;
 
 use dropj::env::Aids;
-use dropj::run::write_whole;
+use dropj::run::{Kind, OutputFile};
 use dropj::simulate::fit_probe::{FitProbeConfig, fit_probe};
 
 use super::{EnvName, models};
@@ -47,6 +47,7 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
         n_updates: options.updates.unwrap_or(config.n_updates),
         ..config
     };
+    let out = OutputFile::at(&options.out, Kind::Network)?;
     let mut env = options.env.open(Aids::NONE);
     let mut said = Instant::now();
     let fit = fit_probe(&config, &mut *env, Some(&model), &mut |progress| {
@@ -56,7 +57,7 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
         }
         ControlFlow::Continue(())
     });
-    write_whole(&options.out, fit.parameters.bytes())?;
+    out.write(fit.parameters.bytes())?;
     println!("held-out real frames: {:.3?}\nseen through the world model: {:.3?}", fit.real, fit.painted);
     println!("wrote {:?}, {}", options.out, fit.parameters.hash());
     Ok(())

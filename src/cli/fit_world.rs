@@ -6,9 +6,9 @@ use std::time::{Duration, Instant};
 
 use anyhow::Context as _;
 use dropj::dataset::Dataset;
-use dropj::run::{Run, write_whole};
+use dropj::run::{Kind, OutputFile, Run};
 use dropj::world_model::WorldModelConfig;
-use dropj::world_model::fit::{FitConfig, Progress, fit_world};
+use dropj::world_model::fit::{self, FitConfig, Progress, fit_world};
 
 use super::EnvName;
 
@@ -79,9 +79,11 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
          choose another --preset",
         config.vae.side
     );
-    let mut fit = FitConfig { seed: options.seed, ..FitConfig::full() };
-    fit.vae.max_epochs = options.vae_epochs.unwrap_or(fit.vae.max_epochs);
-    fit.mdn_rnn.max_epochs = options.mdn_rnn_epochs.unwrap_or(fit.mdn_rnn.max_epochs);
+    let mut settings = FitConfig { seed: options.seed, ..FitConfig::full() };
+    settings.vae.max_epochs = options.vae_epochs.unwrap_or(settings.vae.max_epochs);
+    settings.mdn_rnn.max_epochs = options.mdn_rnn_epochs.unwrap_or(settings.mdn_rnn.max_epochs);
+    fit::check(&dataset)?;
+    let out = OutputFile::at(&options.out, Kind::Network)?;
     let run = Run::beside(&options.out, options.resume)?;
     let (mut epoch_start, mut said) = (Instant::now(), Instant::now());
     let mut report = |progress: &Progress| {
@@ -94,8 +96,9 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
         }
         ControlFlow::Continue(())
     };
-    let parameters = fit_world(&dataset, &config, &fit, &run, &mut report)?;
-    write_whole(&options.out, parameters.bytes()).context("the fit is done, but not written")?;
+    let parameters = fit_world(&dataset, &config, &settings, &run, &mut report)?;
+    let hint = "the fit is done, but not written; with `--resume` nothing is fitted anew";
+    out.write(parameters.bytes()).context(hint)?;
     println!("wrote {:?}, {}", options.out, parameters.hash());
     Ok(())
 }

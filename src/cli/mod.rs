@@ -147,6 +147,14 @@ fn names(protocols: &[Protocol]) -> String {
     protocols.iter().map(|protocol| protocol.name()).collect::<Vec<_>>().join(", ")
 }
 
+/// A picture as the bytes of a PNG file.
+fn png(rgb: &[u8], width: u32, height: u32) -> anyhow::Result<Vec<u8>> {
+    let mut bytes = Vec::new();
+    let encoder = image::codecs::png::PngEncoder::new(&mut bytes);
+    image::ImageEncoder::write_image(encoder, rgb, width, height, image::ExtendedColorType::Rgb8)?;
+    Ok(bytes)
+}
+
 /// Carries out what was asked.
 pub(crate) fn run(cli: Cli) -> anyhow::Result<()> {
     if cli.command.is_some() {

@@ -50,6 +50,9 @@ pub(crate) struct Options {
     apart: bool,
 }
 
+const NO_VERDICTS: &str = "there are no verdicts to learn from";
+const NO_ANSWERS: &str = "there are no answers to learn from";
+
 pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
     tch::set_num_threads(2);
     let model = SessionStore::read_world_model(&options.session)?;
@@ -69,6 +72,13 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
             "the answers of this session name {wanted:?}, in this order of severity: give each its weight"
         );
     }
+    // Before anything is written: that there is something to learn from, and a place for what is learned.
+    if store.session().protocol().is_sparse() {
+        anyhow::ensure!(!store.session().judged().is_empty(), NO_VERDICTS);
+    } else {
+        anyhow::ensure!(!store.session().labeled_by(&weights).is_empty(), NO_ANSWERS);
+    }
+    SessionStore::check_folder(&options.session)?;
     if weights != now {
         store.record(Event::WeightsChanged { weights })?;
     }
@@ -116,7 +126,7 @@ pub(super) fn fit_sparse(
     // Batches are small: a second thread would mostly be waited for.
     tch::set_num_threads(1);
     let judged = store.session().judged();
-    anyhow::ensure!(!judged.is_empty(), "there are no verdicts to learn from");
+    anyhow::ensure!(!judged.is_empty(), NO_VERDICTS);
     let mut dreams = BTreeMap::new();
     let row = |transition: Transition| {
         let (actions, features) = match dreams.entry(transition.dream) {
@@ -163,7 +173,7 @@ pub(super) fn fit_reward(
         Ok::<_, Infallible>(segment_rows(features, actions, segment))
     };
     let labels = store.session().labeled();
-    anyhow::ensure!(!labels.is_empty(), "there are no answers to learn from");
+    anyhow::ensure!(!labels.is_empty(), NO_ANSWERS);
     let epochs = config.epochs(labels.len()) as u32;
     let figures = held_out.map(|share| {
         let Ok(figures) = foretell_held_out(model, config.clone(), seed, &labels, rows, share);

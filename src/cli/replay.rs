@@ -2,7 +2,8 @@
 
 use std::path::PathBuf;
 
-use dropj::session::{SessionStore, replay};
+use dropj::run::{Kind, OutputFile};
+use dropj::session::{CLIPS_FILE, SessionStore, replay};
 
 use super::{models, names};
 
@@ -27,6 +28,10 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
         Some(path) => models::world_model(path)?,
         None => SessionStore::read_world_model(&options.session)?,
     };
+    if options.record {
+        // Decoding every clip takes a while; that they can be written is known before.
+        drop(OutputFile::at(&options.session.join(CLIPS_FILE), Kind::Notes)?);
+    }
     let replayed = replay(&options.session, &model)?;
     let statistics = replayed.session.statistics();
     println!(

@@ -3,10 +3,10 @@
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
-use anyhow::Context as _;
 use dropj::dream::screen::{Pair, Screen};
 use dropj::dream::signs::{N_SIGNS, SIGNS};
 use dropj::evaluation::auc;
+use dropj::run::{Kind, OutputFile};
 use dropj::session::SessionStore;
 
 #[derive(Debug, clap::Args)]
@@ -30,13 +30,13 @@ struct Judged {
 
 pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
     tch::set_num_threads(1);
+    let csv = options.csv.as_deref().map(|path| OutputFile::at(path, Kind::Table)).transpose()?;
     let mut sessions = Vec::new();
     for dir in &options.sessions {
         sessions.push(read(dir)?);
     }
-    if let Some(path) = &options.csv {
-        std::fs::write(path, table(&options.sessions, &sessions))
-            .with_context(|| format!("cannot write the table {path:?}"))?;
+    if let Some(csv) = csv {
+        csv.write(table(&options.sessions, &sessions).as_bytes())?;
     }
     let n = sessions.iter().map(|session| session.judged.len()).sum::<usize>();
     let is_bad = sessions.iter().flat_map(|session| &session.judged).filter(|(_, is_bad)| *is_bad);

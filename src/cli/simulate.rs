@@ -7,7 +7,7 @@ use std::time::Instant;
 use anyhow::Context as _;
 use dropj::query::{Justifications, Protocol, Query, Strategy};
 use dropj::reward::RewardConfig;
-use dropj::session::{Answer, DreamSource, Event, Header, SessionStore, now, relative};
+use dropj::session::{Answer, DreamSource, Event, Header, NewSession, SessionStore, now, relative};
 use dropj::simulate::annotator::Annotator;
 use dropj::simulate::player::Manner;
 use dropj::simulate::run::{Answered, Progress, SimulateConfig, simulate};
@@ -169,7 +169,6 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
     let justifications = header.config.weights.justifications.clone();
     header.config.annotator.clone_from(&options.annotator);
     header.world_model_path = relative(&options.out, &world);
-    let mut store = SessionStore::create(&options.out, header)?;
 
     let is_sparse = protocols[0].is_sparse();
     let papers = match env {
@@ -204,6 +203,8 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
         !model.starts().is_empty(),
         "the world model {world:?} has no states to start dreams from"
     );
+    let new = NewSession::at(&options.out)?;
+    let mut store = new.create(header)?;
     let started = Instant::now();
     let mut said = Instant::now();
     let on_progress = &mut |progress| {
@@ -218,7 +219,10 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
         ControlFlow::Continue(())
     };
     if config.protocols.iter().any(|protocol| protocol.is_sparse()) {
-        return verdicts::run(store, &model, &probe, &config, on_progress);
+        let said = verdicts::run(&mut store, &model, &probe, &config, on_progress)?;
+        new.finish(store)?;
+        println!("{said}; {:?}", options.out);
+        return Ok(());
     }
     let simulated = simulate(&model, &probe, &config, model.starts(), on_progress)
         .context("the simulation was broken off")?;
@@ -231,6 +235,7 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
         record(&mut store, answered, &options.annotator, is_undone)?;
     }
     let fit = fit_reward(&mut store, &model, config.reward.clone(), options.seed, None)?;
+    let store = new.finish(store)?;
     println!(
         "{}: {} dreams, {} queries, {} labels; {:.0} % of the clips unsafe; losses {:.4?}; {:.0} s; {:?}",
         names(&store.session().protocols()),

@@ -1,10 +1,11 @@
 //! `dropj trace`.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use anyhow::Context as _;
 use dropj::env::trace::{Row, Traced, trace};
 use dropj::env::{CarRacing, ObstacleCarRacing, Obstacles, Seed};
+use dropj::run::{Kind, OutputFile};
 
 use super::{EnvName, Switch};
 
@@ -45,14 +46,14 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
             Box::new(ObstacleCarRacing::new(seed, Obstacles::Chuckholes, aids))
         }
     };
-    if let Some(dir) = &options.frames {
-        std::fs::create_dir_all(dir)
-            .with_context(|| format!("cannot make the folder of pictures {dir:?}"))?;
-    }
+    // The state before the first action is drawn, too.
+    let names = (0..=actions.len()).map(|step| format!("step{step:04}.png"));
+    let pictures = options.frames.as_deref().map(|dir| OutputFile::all_in(dir, names, Kind::Picture));
+    let mut pictures = pictures.transpose()?.unwrap_or_default().into_iter();
     let mut failed = None;
-    let rows = trace(&mut *env, seed, &actions, |step, env| {
-        if let Some(dir) = &options.frames
-            && let Err(error) = save(&dir.join(format!("step{step:04}.png")), &env.raw_image())
+    let rows = trace(&mut *env, seed, &actions, |_, env| {
+        if let Some(picture) = pictures.next()
+            && let Err(error) = save(picture, &env.raw_image())
         {
             failed.get_or_insert(error);
         }
@@ -64,10 +65,10 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
 }
 
 /// Writes a square picture.
-fn save(path: &Path, rgb: &[u8]) -> anyhow::Result<()> {
+fn save(picture: OutputFile, rgb: &[u8]) -> anyhow::Result<()> {
     let side = (rgb.len() / 3).isqrt() as u32;
-    image::save_buffer(path, rgb, side, side, image::ColorType::Rgb8)
-        .with_context(|| format!("cannot write the picture {path:?}"))
+    picture.write(&super::png(rgb, side, side)?)?;
+    Ok(())
 }
 
 /// The first three columns of every line; a heading is passed over.

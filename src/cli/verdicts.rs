@@ -18,14 +18,14 @@ use super::refit::{fit_sparse, sparse_config};
 /// The paper's best model of DROS, and so many for ReQueST beside it: 45 trajectories.
 pub(super) const N_QUERIES: usize = 2205;
 
-/// Simulates, keeps everything in `store`, and fits.
+/// Simulates, keeps everything in `store`, and fits; what came of it is one sentence.
 pub(super) fn run(
-    mut store: SessionStore,
+    store: &mut SessionStore,
     model: &WorldModel,
     probe: &Probe,
     config: &SimulateConfig,
     on_progress: &mut dyn FnMut(Progress) -> ControlFlow<()>,
-) -> anyhow::Result<()> {
+) -> anyhow::Result<String> {
     let [protocol] = config.protocols[..] else {
         anyhow::bail!("transitions are labeled in a session of their own: name one protocol");
     };
@@ -51,18 +51,16 @@ pub(super) fn run(
         store.record(Event::AskedTransition { query, transition, choice })?;
         store.record(Event::Answered(Answer::new(query, response, 0.0, "simulated")))?;
     }
-    let fit = fit_sparse(&mut store, model, learning, config.seed)?;
+    let fit = fit_sparse(store, model, learning, config.seed)?;
     let [n_unsafe, n_neutral, n_good] = Verdict::ALL.map(|verdict| simulated.n(verdict));
-    println!(
+    Ok(format!(
         "{}: {} dreams, {} queries, {} verdicts: {n_unsafe} unsafe, {n_neutral} neutral, {n_good} good; losses {:.4?}; \
-         {secs:.0} s to make and label, {:.0} s in all; {:?}",
+         {secs:.0} s to make and label, {:.0} s in all",
         names(&store.session().protocols()),
         simulated.dreams.len(),
         simulated.answers.len(),
         fit.n_labels,
         fit.losses,
-        started.elapsed().as_secs_f64(),
-        store.dir()
-    );
-    Ok(())
+        started.elapsed().as_secs_f64()
+    ))
 }

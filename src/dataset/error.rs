@@ -3,19 +3,31 @@
 use std::io;
 use std::path::{Path, PathBuf};
 
+use crate::run::AppendError;
+use crate::run::place::Told;
+
 /// Why a dataset could not be read or written.
 ///
 /// Every message is whole: what was tried, what was met, and where.
 #[derive(Debug, thiserror::Error)]
 pub enum DatasetError {
     /// The disk is full, the folder may not be written, a file vanished.
-    #[error("could not {tried}: {met}, at {path:?}")]
+    #[error("could not {tried}: {}, at {path:?}", Told(.met))]
     Disk {
         /// What was tried, as an infinitive.
         tried: &'static str,
         /// What the system said.
         met: io::Error,
         /// The file or folder.
+        path: PathBuf,
+    },
+    /// What is written would not be found under the journal's name.
+    #[error(
+        "the journal was replaced, moved or changed by another program while it was open, and nothing more is written \
+         there; save the recording elsewhere, or put the journal back, at {path:?}"
+    )]
+    Replaced {
+        /// The journal, by its name.
         path: PathBuf,
     },
     /// The folder holds no dataset.
@@ -104,6 +116,14 @@ impl DatasetError {
     /// Turns what the system said into an error: `.map_err(DatasetError::disk("write the file", path))`.
     pub(super) fn disk(tried: &'static str, path: &Path) -> impl FnOnce(io::Error) -> Self {
         move |met| Self::Disk { tried, met, path: path.to_path_buf() }
+    }
+
+    /// What to make of it that nothing could be appended to the file at `path`.
+    pub(super) fn append(tried: &'static str, path: &Path) -> impl FnOnce(AppendError) -> Self {
+        move |met| match met {
+            AppendError::Replaced => Self::Replaced { path: path.to_path_buf() },
+            AppendError::Disk(met) => Self::Disk { tried, met, path: path.to_path_buf() },
+        }
     }
 
     /// An error about a damaged episode file.

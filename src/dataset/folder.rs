@@ -181,6 +181,20 @@ impl Dataset {
         Recording::begin(&self.dir, info, self.side())
     }
 
+    /// Goes on here with a recording of another dataset, whose place is gone or full: all of its steps are written anew.
+    ///
+    /// The other journal stays as it is.
+    pub fn take_over(&self, other: &Recording) -> Result<Recording, DatasetError> {
+        let mut recording = self.begin(other.take.info.clone())?;
+        match recording.take_over(other) {
+            Ok(()) => Ok(recording),
+            Err(e) => {
+                recording.discard().ok();
+                Err(e)
+            }
+        }
+    }
+
     /// Seals a recording and returns its number in the dataset.
     ///
     /// `last_frame` is what was seen after the last action; `done` says whether the environment ended the episode.

@@ -10,8 +10,7 @@
 //! whether the planner drove.
 //! Numbers are little-endian. A torn last record is dropped, with a warning.
 
-use std::fs::{self, File};
-use std::io::Write as _;
+use std::fs;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant, SystemTime};
 
@@ -20,7 +19,7 @@ use sha2::{Digest as _, Sha256};
 
 use super::{DatasetError, EpisodeInfo, StepRecord, disk, png};
 use crate::env::{Action, Contacts, Frame};
-use crate::run::log_saved;
+use crate::run::{Appender, log_saved};
 
 /// What a journal begins with.
 const MAGIC: &[u8] = b"dropj journal 1\n";
@@ -35,9 +34,7 @@ const SYNC_EVERY: Duration = Duration::from_secs(1);
 ///
 /// Dropped, it stays in its journal and is offered as unfinished when the dataset is opened again.
 pub struct Recording {
-    file: File,
-    path: PathBuf,
-    n_bytes: u64,
+    file: Appender,
     synced: Instant,
     side: Option<u32>,
     pub(super) take: Take,
@@ -92,14 +89,11 @@ impl Recording {
         let payload = [b"I".as_slice(), &serde_json::to_vec(&head).expect("text and numbers")].concat();
         let begun = [MAGIC, &record(&payload)].concat();
         disk::replace(&path, &begun)?;
-        let file = File::options().append(true).open(&path);
         Ok(Self {
-            file: file.map_err(DatasetError::disk("begin the journal", &path))?,
-            n_bytes: begun.len() as u64,
+            file: Appender::open(&path).map_err(DatasetError::disk("begin the journal", &path))?,
             synced: Instant::now(),
             side,
             take: Take { id, info, rows: Vec::new(), end: None },
-            path,
         })
     }
 
@@ -133,7 +127,7 @@ impl Recording {
         self.append(&record(&row.to_payload()))?;
         self.side = Some(step.frame.side());
         self.take.rows.push(row);
-        log_saved("step", self.take.rows.len() as u64, &self.path);
+        log_saved("step", self.take.rows.len() as u64, self.path());
         Ok(())
     }
 
@@ -144,12 +138,33 @@ impl Recording {
 
     /// The journal.
     pub fn path(&self) -> &Path {
-        &self.path
+        self.file.path()
+    }
+
+    /// Whether the journal still is what its name says.
+    pub fn check(&self) -> Result<(), DatasetError> {
+        self.file.check().map_err(DatasetError::append("look at the journal", self.path()))
     }
 
     /// Forgets the episode, journal and all.
     pub fn discard(self) -> Result<(), DatasetError> {
-        fs::remove_file(&self.path).map_err(DatasetError::disk("remove the journal", &self.path))
+        let path = self.path().to_owned();
+        self.file.remove().map_err(DatasetError::disk("remove the journal", &path))
+    }
+
+    /// Writes all steps of `other` down here, where nothing was driven yet.
+    pub(super) fn take_over(&mut self, other: &Self) -> Result<(), DatasetError> {
+        if let (Some(tried), Some(met)) = (other.side, self.side)
+            && tried != met
+        {
+            return Err(DatasetError::OtherSide { tried, met, path: self.path().to_owned() });
+        }
+        let records = other.take.rows.iter().flat_map(|row| record(&row.to_payload())).collect::<Vec<u8>>();
+        self.append(&records)?;
+        self.file.sync().map_err(DatasetError::disk("sync the journal", self.path()))?;
+        self.side = other.side;
+        self.take.rows.clone_from(&other.take.rows);
+        Ok(())
     }
 
     /// Appends the end.
@@ -164,7 +179,7 @@ impl Recording {
     fn check_side(&self, frame: &Frame) -> Result<(), DatasetError> {
         match self.side {
             Some(met) if met != frame.side() => {
-                Err(DatasetError::OtherSide { tried: frame.side(), met, path: self.path.clone() })
+                Err(DatasetError::OtherSide { tried: frame.side(), met, path: self.path().to_owned() })
             }
             _ => Ok(()),
         }
@@ -172,14 +187,10 @@ impl Recording {
 
     /// Writes whole records, or leaves the journal as it was.
     fn append(&mut self, records: &[u8]) -> Result<(), DatasetError> {
-        if let Err(met) = self.file.write_all(records) {
-            // Half a record must not stand before the next.
-            self.file.set_len(self.n_bytes).ok();
-            return Err(DatasetError::disk("write the journal", &self.path)(met));
-        }
-        self.n_bytes += records.len() as u64;
-        if self.synced.elapsed() >= SYNC_EVERY {
-            self.file.sync_data().map_err(DatasetError::disk("sync the journal", &self.path))?;
+        let is_synced = self.synced.elapsed() >= SYNC_EVERY;
+        let appended = self.file.append(records, is_synced);
+        appended.map_err(DatasetError::append("write the journal", self.file.path()))?;
+        if is_synced {
             self.synced = Instant::now();
         }
         Ok(())
@@ -315,7 +326,7 @@ mod tests {
         let mut recording = Recording::begin(dir.path(), info(), None).unwrap();
         recording.push(&step(1)).unwrap();
         recording.push(&step(2)).unwrap();
-        let n_before = recording.n_bytes as usize;
+        let n_before = recording.file.len() as usize;
         recording.push(&step(3)).unwrap();
         let whole = fs::read(recording.path()).unwrap();
         for n_left in n_before..whole.len() {
@@ -332,7 +343,7 @@ mod tests {
         let dir = tempfile::tempdir().unwrap();
         let mut recording = Recording::begin(dir.path(), info(), None).unwrap();
         recording.push(&step(1)).unwrap();
-        let n_before = recording.n_bytes as usize;
+        let n_before = recording.file.len() as usize;
         recording.push(&step(2)).unwrap();
         let mut bytes = fs::read(recording.path()).unwrap();
         bytes[n_before + 30] ^= 4;

@@ -5,6 +5,8 @@ use std::path::{Path, PathBuf};
 
 use crate::query::{DreamId, Protocol, QueryId, SegmentRef, Transition};
 use crate::reward::RewardError;
+use crate::run::place::Told;
+use crate::run::{AppendError, RunError};
 use crate::tensor::ParametersError;
 use crate::world_model::WorldModelError;
 
@@ -131,13 +133,33 @@ pub enum Impossible {
 #[derive(Debug, thiserror::Error)]
 pub enum SessionError {
     /// The disk refused: full, read-only, forbidden, absent.
-    #[error("cannot {tried}: {met}: {path:?}")]
+    #[error("cannot {tried}: {}: {path:?}", Told(.met))]
     Disk {
         /// What was tried.
         tried: &'static str,
         /// What was met.
         met: io::Error,
         /// Where.
+        path: PathBuf,
+    },
+    /// Nothing can be written there.
+    #[error(transparent)]
+    Run(#[from] RunError),
+    /// What is written would not be found under the session's name.
+    #[error(
+        "the log was replaced, moved or changed by another program while it was open, and nothing more is written \
+         there; save the session elsewhere, or put the log back: {path:?}"
+    )]
+    Replaced {
+        /// The log, or the journal, by its name.
+        path: PathBuf,
+    },
+    /// A file that the session had is no longer there.
+    #[error(
+        "a file of this session is gone from its place; save the session elsewhere, or put it back: {path:?}"
+    )]
+    Gone {
+        /// Which.
         path: PathBuf,
     },
     /// A new session would lie over something else.
@@ -277,6 +299,14 @@ pub enum SessionError {
 }
 
 impl SessionError {
+    /// What to make of it that nothing could be appended to the file at `path`.
+    pub(crate) fn append(tried: &'static str, path: &Path) -> impl FnOnce(AppendError) -> Self {
+        move |met| match met {
+            AppendError::Replaced => Self::Replaced { path: path.to_owned() },
+            AppendError::Disk(met) => Self::Disk { tried, met, path: path.to_owned() },
+        }
+    }
+
     /// What to make of an [`io::Error`] met while trying something at `path`.
     pub(crate) fn disk(tried: &'static str, path: &Path) -> impl FnOnce(io::Error) -> Self {
         move |met| Self::Disk { tried, met, path: path.to_owned() }

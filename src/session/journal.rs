@@ -1,12 +1,11 @@
 //! A dream on its way to disk while it is driven, so that a killed program loses nothing.
 
 use std::fs::{File, TryLockError};
-use std::io::Write as _;
 use std::path::{Path, PathBuf};
 
 use crate::dream::DreamEpisode;
 use crate::env::Action;
-use crate::run::log_saved;
+use crate::run::{Appender, log_saved};
 use crate::session::error::SessionError;
 use crate::session::event::DreamSource;
 use crate::world_model::LatentState;
@@ -24,10 +23,10 @@ const PLANNED_STEP: u8 = 3;
 ///
 /// Each step is with the system once [`Self::follow`] returns, so it outlives the program; it is forced to the disk
 /// itself only when the dream is kept, since a step that waited for the disk would be late.
+/// Where a step cannot be written, the journal is as it was, and the next time catches up.
 #[derive(Debug)]
 pub struct DreamJournal {
-    file: File,
-    path: PathBuf,
+    file: Appender,
     n_steps: usize,
     n_marks: usize,
 }
@@ -42,17 +41,17 @@ impl DreamJournal {
         let tried = "make the journal of a dream";
         std::fs::create_dir_all(folder).map_err(SessionError::disk(tried, folder))?;
         let mut number = 0;
-        let (file, path) = loop {
+        let file = loop {
             let path = folder.join(format!("journal-{number:04}.partial"));
-            match File::options().write(true).create_new(true).open(&path) {
-                Ok(file) => break (file, path),
+            match Appender::create(&path) {
+                Ok(file) => break file,
                 Err(e) if e.kind() == std::io::ErrorKind::AlreadyExists => number += 1,
                 Err(e) => return Err(SessionError::disk(tried, &path)(e)),
             }
         };
         // Tells a journal that is being written from one that was left behind.
-        file.try_lock().ok();
-        let mut journal = Self { file, path, n_steps: 0, n_marks: 0 };
+        file.lock().ok();
+        let mut journal = Self { file, n_steps: 0, n_marks: 0 };
         let LatentState { z, c, h } = &episode.start;
         let mut bytes = MAGIC.to_vec();
         bytes.extend_from_slice(&(z.len() as u32).to_le_bytes());
@@ -60,8 +59,12 @@ impl DreamJournal {
         bytes.extend_from_slice(&episode.seed.to_le_bytes());
         bytes.push(u8::from(source == DreamSource::Simulated));
         bytes.extend([z, c, h].into_iter().flatten().flat_map(|v| v.to_le_bytes()));
-        journal.file.write_all(&bytes).map_err(SessionError::disk(tried, &journal.path))?;
-        journal.follow(episode)?;
+        let begun = journal.append(&bytes, tried).and_then(|()| journal.follow(episode));
+        // One without a beginning is of no use.
+        if let Err(e) = begun {
+            journal.discard().ok();
+            return Err(e);
+        }
         Ok(journal)
     }
 
@@ -77,18 +80,26 @@ impl DreamJournal {
             bytes.push(MARK);
             bytes.extend_from_slice(&(mark as u32).to_le_bytes());
         }
-        let tried = "write to the journal of a dream";
-        self.file.write_all(&bytes).map_err(SessionError::disk(tried, &self.path))?;
+        self.append(&bytes, "write to the journal of a dream")?;
         (self.n_steps, self.n_marks) = (episode.len(), episode.unsafe_marks.len());
-        log_saved("dream step", self.n_steps as u64, &self.path);
+        log_saved("dream step", self.n_steps as u64, self.path());
         Ok(())
+    }
+
+    fn append(&mut self, bytes: &[u8], tried: &'static str) -> Result<(), SessionError> {
+        let appended = self.file.append(bytes, false);
+        appended.map_err(|met| SessionError::append(tried, self.file.path())(met))
+    }
+
+    /// Where it is.
+    pub fn path(&self) -> &Path {
+        self.file.path()
     }
 
     /// Removes the journal, once its dream is kept or thrown away.
     pub fn discard(self) -> Result<(), SessionError> {
-        drop(self.file);
-        std::fs::remove_file(&self.path)
-            .map_err(SessionError::disk("remove the journal of a dream", &self.path))
+        let path = self.file.path().to_owned();
+        self.file.remove().map_err(SessionError::disk("remove the journal of a dream", &path))
     }
 }
 
@@ -214,7 +225,7 @@ mod tests {
         for n in 1..=9 {
             journal.follow(&first_steps(&dream, n)).unwrap();
         }
-        let bytes = std::fs::read(&journal.path).unwrap();
+        let bytes = std::fs::read(journal.path()).unwrap();
         assert_eq!(parse(&bytes), Some((dream.clone(), DreamSource::Simulated)));
         let head = MAGIC.len() + 17 + 4 * (4 + 16 + 16);
         for len in 0..bytes.len() {
@@ -236,7 +247,7 @@ mod tests {
         let journal = DreamJournal::create(dir.path(), &dream, DreamSource::User).unwrap();
         DreamJournal::create(dir.path(), &first_steps(&dream, 0), DreamSource::User).unwrap();
         assert_eq!(unfinished(dir.path()).unwrap(), []);
-        let path = journal.path.clone();
+        let path = journal.path().to_owned();
         assert!(!dir.path().join("journal-0001.partial").exists(), "no step was lost with it");
         drop(journal);
         assert_eq!(

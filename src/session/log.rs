@@ -1,9 +1,10 @@
 //! The log of a session on disk: one event a line, appended and never edited.
 
 use std::fs::{File, TryLockError};
-use std::io::{Read as _, Seek as _, SeekFrom, Write as _};
-use std::path::{Path, PathBuf};
+use std::io::{Read as _, Seek as _, SeekFrom};
+use std::path::Path;
 
+use crate::run::Appender;
 use crate::session::error::SessionError;
 use crate::session::event::{Entry, Event, LineError};
 
@@ -78,48 +79,37 @@ fn parse(bytes: &[u8], path: &Path) -> Result<Contents, SessionError> {
 /// A log that is open for writing, by nobody else.
 #[derive(Debug)]
 pub struct Log {
-    file: File,
-    path: PathBuf,
-    /// How many lines are safely on disk, and how many bytes they have.
+    file: Appender,
+    /// How many lines are safely on disk.
     n_lines: u64,
-    len: u64,
-    /// Whether something may stand behind them that must go before the next line is written.
-    is_dirty: bool,
 }
 
 impl Log {
     /// A new log at `path`, where there must be none.
     pub fn create(path: &Path) -> Result<Self, SessionError> {
-        let file = File::options().read(true).write(true).create_new(true).open(path);
-        let file = file.map_err(SessionError::disk("make the session log", path))?;
-        lock(&file, path)?;
-        Ok(Self { file, path: path.to_owned(), n_lines: 0, len: 0, is_dirty: false })
+        let file = Appender::create(path).map_err(SessionError::disk("make the session log", path))?;
+        lock(&file)?;
+        Ok(Self { file, n_lines: 0 })
     }
 
     /// The log at `path` and what it holds; a torn end is cut off.
     pub fn open(path: &Path) -> Result<(Self, Contents), SessionError> {
-        // Not opened in append mode: on Windows such a file cannot be cut.
-        let file = File::options().read(true).write(true).open(path);
-        let mut file = file.map_err(SessionError::disk("open the session log", path))?;
-        lock(&file, path)?;
-        let mut bytes = Vec::new();
-        file.read_to_end(&mut bytes).map_err(SessionError::disk("read the session log", path))?;
+        let mut file = Appender::open(path).map_err(SessionError::disk("open the session log", path))?;
+        lock(&file)?;
+        let bytes = file.read().map_err(SessionError::disk("read the session log", path))?;
         let contents = parse(&bytes, path)?;
-        let n_lines = contents.entries.len() as u64;
-        let is_dirty = contents.torn.is_some();
-        let mut log = Self { file, path: path.to_owned(), n_lines, len: contents.len, is_dirty };
-        log.clean().map_err(SessionError::disk("cut a torn line off the session log", path))?;
+        file.cut(contents.len).map_err(SessionError::disk("cut a torn line off the session log", path))?;
+        let mut log = Self { file, n_lines: contents.entries.len() as u64 };
         if let Some(torn) = &contents.torn {
             log::warn!("the last line was cut short and is dropped: {torn:?}: {}", path.display());
         }
         if contents.unended {
-            log.write(b"\n", true)
-                .map_err(SessionError::disk("end the last line of the session log", path))?;
+            log.write(b"\n", true, "end the last line of the session log")?;
         }
         Ok((log, contents))
     }
 
-    /// Appends `event`; when this returns it is on disk, or the log is as it was.
+    /// Appends `event`; when this returns it is on disk under the log's name, or the log is as it was.
     ///
     /// What was merely asked is on disk only with the next line that is not: by itself it is no loss, and waiting for
     /// the disk twice an answer would be felt.
@@ -127,33 +117,32 @@ impl Log {
         let entry = Entry { event, seq: self.n_lines, at };
         let line = entry.to_line() + "\n";
         let can_wait = matches!(entry.event, Event::Asked { .. } | Event::AskedTransition { .. });
-        self.write(line.as_bytes(), !can_wait)
-            .map_err(SessionError::disk("write to the session log", &self.path))?;
+        self.write(line.as_bytes(), !can_wait, "write to the session log")?;
         self.n_lines += 1;
         Ok(entry)
     }
 
-    fn write(&mut self, bytes: &[u8], is_synced: bool) -> std::io::Result<()> {
-        self.clean()?;
-        let written = self.file.seek(SeekFrom::Start(self.len)).and_then(|_| self.file.write_all(bytes));
-        let synced = written.and_then(|()| if is_synced { self.file.sync_data() } else { Ok(()) });
-        if let Err(e) = synced {
-            self.is_dirty = true;
-            // Where this fails too, it is tried again before the next line and at the next start.
-            self.clean().ok();
-            return Err(e);
-        }
-        self.len += bytes.len() as u64;
+    /// Appends all of `entries`, which have the numbers that are next, in one go.
+    pub(super) fn append_all(&mut self, entries: &[Entry]) -> Result<(), SessionError> {
+        let lines: String = entries.iter().map(|entry| entry.to_line() + "\n").collect();
+        self.write(lines.as_bytes(), true, "write to the session log")?;
+        self.n_lines += entries.len() as u64;
         Ok(())
     }
 
-    fn clean(&mut self) -> std::io::Result<()> {
-        if self.is_dirty {
-            self.file.set_len(self.len)?;
-            self.file.sync_data()?;
-            self.is_dirty = false;
-        }
-        Ok(())
+    fn write(&mut self, bytes: &[u8], is_synced: bool, tried: &'static str) -> Result<(), SessionError> {
+        let appended = self.file.append(bytes, is_synced);
+        appended.map_err(|met| SessionError::append(tried, self.file.path())(met))
+    }
+
+    /// Whether the log still is what its name says.
+    pub fn check(&self) -> Result<(), SessionError> {
+        self.file.check().map_err(SessionError::append("look at the session log", self.file.path()))
+    }
+
+    /// Forces all lines to disk, those that could wait among them.
+    pub(super) fn sync(&self) -> Result<(), SessionError> {
+        self.file.sync().map_err(SessionError::disk("write to the session log", self.file.path()))
     }
 
     /// How many lines it has.
@@ -163,12 +152,12 @@ impl Log {
 }
 
 /// Keeps other programs from writing; the system lifts this when the program ends, however it ends.
-fn lock(file: &File, path: &Path) -> Result<(), SessionError> {
-    match file.try_lock() {
+fn lock(file: &Appender) -> Result<(), SessionError> {
+    match file.lock() {
         Ok(()) => Ok(()),
-        Err(TryLockError::WouldBlock) => Err(SessionError::InUse { path: path.to_owned() }),
+        Err(TryLockError::WouldBlock) => Err(SessionError::InUse { path: file.path().to_owned() }),
         Err(TryLockError::Error(e)) => {
-            log::warn!("cannot keep other programs from writing a session: {e}: {}", path.display());
+            log::warn!("cannot keep other programs from writing a session: {e}: {}", file.path().display());
             Ok(())
         }
     }
@@ -237,7 +226,7 @@ mod tests {
         let path = dir.path().join("events.jsonl");
         let mut log = Log::create(&path).unwrap();
         let first = log.append(flagged(0), 1).unwrap();
-        let kept = log.len as usize;
+        let kept = log.file.len() as usize;
         log.append(flagged(1), 2).unwrap();
         drop(log);
         let whole = std::fs::read(&path).unwrap();
@@ -267,12 +256,12 @@ mod tests {
         for at in 4..300 {
             log.append(flagged(1), at).unwrap();
         }
-        assert!(log.len > TAIL);
+        assert!(log.file.len() > TAIL);
         assert_eq!(last_at(&path), Some(299));
         let fit = Fit { after: 0, n_labels: 1, seed: 0, epochs: 2, losses: vec![0.3; 5000], held_out: None };
         log.append(Event::Fitted { fit, file: String::new(), sha256: String::new() }, 400).unwrap();
         assert_eq!(last_at(&path), Some(400), "a line longer than what is read at first");
-        log.write(b"{\"event\":\"fla", true).unwrap();
+        log.write(b"{\"event\":\"fla", true, "tear a line").unwrap();
         assert_eq!(last_at(&path), Some(400), "a torn line has not happened");
     }
 
@@ -310,12 +299,12 @@ mod tests {
     #[test]
     fn a_full_disk_is_one_clear_error_and_no_line() {
         let full = Path::new("/dev/full");
-        let file = File::options().write(true).open(full).unwrap();
-        let mut log = Log { file, path: full.to_owned(), n_lines: 3, len: 0, is_dirty: false };
+        let mut log = Log { file: Appender::open(full).unwrap(), n_lines: 3 };
         let refused = log.append(flagged(0), 0).unwrap_err().to_string();
         assert_eq!(
             refused,
-            "cannot write to the session log: No space left on device (os error 28): \"/dev/full\""
+            "cannot write to the session log: No space left on device (os error 28); free some space on this disk, or \
+             choose another place: \"/dev/full\""
         );
         assert_eq!(log.n_lines(), 3);
     }

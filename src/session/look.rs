@@ -13,7 +13,7 @@ use crate::session::arrays::write_whole;
 use crate::session::error::SessionError;
 
 /// The file in a session's folder.
-const FILE: &str = "clips.json";
+pub const FILE: &str = "clips.json";
 /// Fields a side that a picture is divided into.
 const FIELDS: u32 = 4;
 

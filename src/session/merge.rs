@@ -4,10 +4,10 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 use crate::query::{DreamId, QueryId, SegmentRef, Transition, Weights};
-use crate::run::sync_folder;
 use crate::session::error::SessionError;
 use crate::session::event::{Choice, Event, KeptDream};
 use crate::session::header::{Header, timed_name};
+use crate::session::new::NewSession;
 use crate::session::store::{self, Reading, SessionStore};
 
 /// A session in `out` with all that was said in the sessions in `dirs`, one after the other.
@@ -41,19 +41,10 @@ fn whole(
     header: Header,
     fill: impl FnOnce(&mut SessionStore) -> Result<(), SessionError>,
 ) -> Result<SessionStore, SessionError> {
-    if out.exists() {
-        return Err(SessionError::Exists { path: out.to_owned() });
-    }
-    let name = out.file_name().unwrap_or_default().to_string_lossy();
-    // Beside it, so that files beside both are found from either; a name with a dot is passed over.
-    let partial = out.with_file_name(format!(".{name}.{}.partial", std::process::id()));
-    let made = SessionStore::create(&partial, header).and_then(|mut store| fill(&mut store));
-    let made = made.and_then(|()| {
-        std::fs::rename(&partial, out).map_err(SessionError::disk("put the session in its place", out))?;
-        sync_folder(out).map_err(SessionError::disk("put the session in its place", out))
-    });
-    made.inspect_err(|_| drop(std::fs::remove_dir_all(&partial)))?;
-    SessionStore::open(out, None)
+    let new = NewSession::at(out)?;
+    let mut store = new.create(header)?;
+    fill(&mut store)?;
+    new.finish(store)
 }
 
 /// The same in a folder of its own below `sessions`.

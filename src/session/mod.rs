@@ -24,6 +24,8 @@ pub mod header;
 pub mod journal;
 pub mod log;
 pub mod merge;
+mod elsewhere;
+mod new;
 mod opened;
 mod look;
 pub mod recent;
@@ -40,12 +42,14 @@ use crate::query::{
 };
 
 pub use annotators::{AnnotatorReport, Annotators, share_dreams};
+pub use elsewhere::Elsewhere;
 pub use error::{Impossible, SessionError};
 pub use event::{Answer, Choice, DreamSource, Entry, Event, Fit, KeptDream};
 pub use header::{Config, FORMAT, Header, date};
 pub use journal::{DreamJournal, UnfinishedDream};
-pub use look::{Look, Looks};
+pub use look::{FILE as CLIPS_FILE, Look, Looks};
 pub use merge::{hand_on, hand_on_in, merge, merge_in, relative};
+pub use new::NewSession;
 pub use opened::OpenedSession;
 pub use recent::{Recent, latest, look_at, recent};
 pub use replay::{REFIT_TOLERANCE, Replay, ReplayedFit, replay};

@@ -3,6 +3,7 @@
 use std::cmp::Reverse;
 use std::path::{Path, PathBuf};
 
+use crate::run::is_being_built;
 use crate::session::error::SessionError;
 use crate::session::header::{self, Header};
 use crate::session::{Session, log, store};
@@ -55,10 +56,10 @@ fn folders(sessions: &Path) -> Result<Vec<PathBuf>, SessionError> {
         listing => listing.map_err(SessionError::disk("list the sessions", sessions))?,
     };
     let mut dirs: Vec<PathBuf> = listing.filter_map(|item| Some(item.ok()?.path())).collect();
-    // One that begins with a dot is still being made.
+    // One that begins with a dot was still being made by an earlier version.
     let is_hidden =
         |dir: &PathBuf| dir.file_name().is_some_and(|name| name.as_encoded_bytes().starts_with(b"."));
-    dirs.retain(|dir| dir.join(header::FILE).exists() && !is_hidden(dir));
+    dirs.retain(|dir| dir.join(header::FILE).exists() && !is_hidden(dir) && !is_being_built(dir));
     dirs.sort();
     Ok(dirs)
 }

@@ -1,15 +1,17 @@
 //! A session in its folder: every event is on disk before it counts.
 
+use std::collections::BTreeSet;
+use std::fs::File;
 use std::path::{Path, PathBuf};
 use std::time::SystemTime;
 
 use crate::dream::DreamEpisode;
 use crate::planner::synthesis::Acquisition;
 use crate::query::DreamId;
-use crate::run::{log_saved, sync_folder};
+use crate::run::{PARTIAL, check_folder, log_saved, remove_partials, sync_folder};
 use crate::session::error::SessionError;
-use crate::session::event::{DreamSource, Event, Fit, KeptDream};
-use crate::session::header::{FORMAT, Header};
+use crate::session::event::{DreamSource, Entry, Event, Fit, KeptDream};
+use crate::session::header::{self, FORMAT, Header};
 use crate::session::journal::{self, DreamJournal, UnfinishedDream};
 use crate::session::log::{self, Contents, Log};
 use crate::session::{FittedReward, Session, arrays, export};
@@ -17,9 +19,9 @@ use crate::tensor::{Parameters, sha256};
 use crate::world_model::WorldModel;
 
 pub(super) const LOG_FILE: &str = "events.jsonl";
-const DREAMS: &str = "dreams";
-const REWARDS: &str = "reward";
-const WORLD_MODEL_FILE: &str = "world_model.safetensors";
+pub(super) const DREAMS: &str = "dreams";
+pub(super) const REWARDS: &str = "reward";
+pub(super) const WORLD_MODEL_FILE: &str = "world_model.safetensors";
 
 /// A session that is open, with everything that happens in it going to disk.
 #[derive(Debug)]
@@ -29,6 +31,14 @@ pub struct SessionStore {
     session: Session,
     log: Log,
     torn: Option<String>,
+    /// The lines of its log, so that all of it can be written elsewhere.
+    pub(super) entries: Vec<Entry>,
+    /// What happened and could not be written down, in order, and when.
+    pub(super) unsaved: Vec<(Event, u64)>,
+    /// Files that were missing when it was opened, so that nobody waits for them.
+    missing: BTreeSet<PathBuf>,
+    /// The folder itself, whatever it is called by now.
+    pub(super) folder: Option<File>,
 }
 
 impl SessionStore {
@@ -38,12 +48,46 @@ impl SessionStore {
         if is_taken {
             return Err(SessionError::Exists { path: dir.to_owned() });
         }
-        std::fs::create_dir_all(dir).map_err(SessionError::disk("make the folder of a session", dir))?;
+        let is_new = !dir.exists();
+        let made =
+            || std::fs::create_dir_all(dir).map_err(SessionError::disk("make the folder of a session", dir));
+        let made = made().and_then(|()| Self::create_here(dir, header));
+        made.inspect_err(|_| {
+            // What could not be begun must not stand in the way of the next.
+            std::fs::remove_file(dir.join(LOG_FILE)).ok();
+            if is_new {
+                std::fs::remove_dir(dir).ok();
+            }
+        })
+    }
+
+    /// A new session in the folder `dir`, which is there and holds none.
+    pub(super) fn create_here(dir: &Path, header: Header) -> Result<Self, SessionError> {
         let log = Log::create(&dir.join(LOG_FILE))?;
         // The header comes last: a folder without one is no session.
         header.write(dir)?;
         sync_folder(dir).map_err(SessionError::disk("make the folder of a session", dir))?;
-        Ok(Self { dir: dir.to_owned(), session: header.session(), header, log, torn: None })
+        Ok(Self {
+            dir: dir.to_owned(),
+            session: header.session(),
+            header,
+            log,
+            torn: None,
+            entries: Vec::new(),
+            unsaved: Vec::new(),
+            missing: BTreeSet::new(),
+            folder: File::open(dir).ok(),
+        })
+    }
+
+    /// A folder called `name` in `folder`, or the like where there is one already.
+    pub fn free_folder(folder: &Path, name: &str) -> PathBuf {
+        free_folder(folder, name)
+    }
+
+    /// Whether sessions can be kept in the folder `sessions`, made if need be; nothing is left of the looking.
+    pub fn check_folder(sessions: &Path) -> Result<(), SessionError> {
+        Ok(check_folder(sessions)?)
     }
 
     /// A new session in a folder of its own below `sessions`, named by its time; never over another.
@@ -60,16 +104,94 @@ impl SessionStore {
         check_world_model(dir, &header, world_model)?;
         let path = dir.join(LOG_FILE);
         let (log, contents) = Log::open(&path)?;
-        let session = fold(&header, &contents, &path)?;
+        let session = fold(&header, &contents.entries, &path)?;
         if header.format < FORMAT {
             // What is appended from here on is not for the program that began it.
             header.format = FORMAT;
             header.write(dir)?;
         }
-        Ok(Self { dir: dir.to_owned(), header, session, log, torn: contents.torn })
+        // Nobody else writes here, so these are nobody's.
+        for folder in [dir.to_owned(), dir.join(DREAMS), dir.join(REWARDS)] {
+            remove_partials(&folder);
+        }
+        let mut store = Self {
+            dir: dir.to_owned(),
+            header,
+            session,
+            log,
+            torn: contents.torn,
+            entries: contents.entries,
+            unsaved: Vec::new(),
+            missing: BTreeSet::new(),
+            folder: File::open(dir).ok(),
+        };
+        store.missing = store.files().filter(|path| !path.exists()).collect();
+        Ok(store)
+    }
+
+    /// The files that its log tells of.
+    fn files(&self) -> impl Iterator<Item = PathBuf> {
+        let dreams = self.session.dreams().iter().map(|kept| &kept.file);
+        let all = dreams.chain(self.session.fits().iter().map(|fitted| &fitted.file));
+        all.map(|file| self.dir.join(file))
+    }
+
+    /// Whether all of the session is on disk under its name, as far as a look at the names can tell.
+    ///
+    /// What was missing already when it was opened has been said then.
+    pub fn check(&self) -> Result<(), SessionError> {
+        self.log.check()?;
+        let head = std::iter::once(self.dir.join(header::FILE));
+        let gone = head.chain(self.files()).find(|path| !path.exists() && !self.missing.contains(path));
+        gone.map_or(Ok(()), |path| Err(SessionError::Gone { path }))
+    }
+
+    /// What happened and could not be written down: it does not count yet.
+    pub fn n_unsaved(&self) -> usize {
+        self.unsaved.len()
+    }
+
+    /// Takes back what happened last of what could not be written down.
+    pub fn forget_unsaved(&mut self) -> Option<Event> {
+        self.unsaved.pop().map(|(event, _)| event)
+    }
+
+    /// Writes down what could not be before, in its order, and returns it.
+    ///
+    /// What cannot have happened any more, because something else was written down since, is left out.
+    pub fn try_again(&mut self) -> Result<Vec<Event>, SessionError> {
+        let mut written = Vec::new();
+        self.check()?;
+        while let Some((event, at)) = self.unsaved.first().cloned() {
+            if self.session.check(&event).is_ok() {
+                let entry = self.log.append(event.clone(), at)?;
+                self.session.apply(&entry)?;
+                self.entries.push(entry);
+                written.push(event);
+            }
+            self.unsaved.remove(0);
+        }
+        Ok(written)
+    }
+
+    /// Puts the lines of another log into this one, which is empty; the files that are `left_out` are nowhere.
+    pub(super) fn take_over(&mut self, entries: Vec<Entry>, left_out: &[String]) -> Result<(), SessionError> {
+        self.log.append_all(&entries)?;
+        self.session = fold(&self.header, &entries, &self.dir.join(LOG_FILE))?;
+        self.entries = entries;
+        self.missing = left_out.iter().map(|file| self.dir.join(file)).collect();
+        Ok(())
+    }
+
+    /// Forces all of the log to disk.
+    pub(super) fn sync(&self) -> Result<(), SessionError> {
+        self.log.sync()
     }
 
     /// Writes down that `event` happened now; when this returns it is on disk, or nothing has changed.
+    ///
+    /// What somebody said or chose and could not be written is kept for [`Self::try_again`] and
+    /// [`Self::save_elsewhere`]; it does not count before.
     pub fn record(&mut self, event: Event) -> Result<(), SessionError> {
         self.record_at(event, now())
     }
@@ -77,10 +199,31 @@ impl SessionStore {
     /// The same for an event of another time, in milliseconds since 1970.
     pub fn record_at(&mut self, event: Event, at: u64) -> Result<(), SessionError> {
         self.session.check(&event)?;
-        let entry = self.log.append(event, at)?;
-        self.session.apply(&entry)?;
-        log_saved("line", entry.seq, &self.dir.join(LOG_FILE));
-        Ok(())
+        match self.log.append(event.clone(), at) {
+            Ok(entry) => {
+                self.session.apply(&entry)?;
+                log_saved("line", entry.seq, &self.dir.join(LOG_FILE));
+                self.entries.push(entry);
+                self.overtake(&event);
+                Ok(())
+            }
+            Err(e) => {
+                self.overtake(&event);
+                if is_said(&event) {
+                    self.unsaved.push((event, at));
+                }
+                Err(e)
+            }
+        }
+    }
+
+    /// Forgets the answers that `event` is another one of.
+    fn overtake(&mut self, event: &Event) {
+        if let Event::Answered(answer) = event {
+            self.unsaved.retain(
+                |(before, _)| !matches!(before, Event::Answered(before) if before.query == answer.query),
+            );
+        }
     }
 
     /// Keeps a dream: its file first, then the event.
@@ -108,12 +251,8 @@ impl SessionStore {
         acquisition: Option<Acquisition>,
     ) -> Result<DreamId, SessionError> {
         let dream = DreamId(self.session.dreams().len() as u32);
-        let mut episode = episode.clone();
-        // A mark on the step that was never taken marks nothing.
+        let episode = tidied(episode);
         let len = episode.len();
-        episode.unsafe_marks.retain(|mark| *mark < len);
-        episode.unsafe_marks.sort_unstable();
-        episode.unsafe_marks.dedup();
         let file = dream_file(dream);
         let bytes = arrays::dream_to_bytes(&episode);
         self.write(&file, &bytes, "save a dream")?;
@@ -132,6 +271,7 @@ impl SessionStore {
 
     /// A journal for a dream that begins; it is discarded once the dream is kept or thrown away.
     pub fn journal(&self, episode: &DreamEpisode, source: DreamSource) -> Result<DreamJournal, SessionError> {
+        self.log.check()?;
         DreamJournal::create(&self.dir.join(DREAMS), episode, source)
     }
 
@@ -238,6 +378,8 @@ impl SessionStore {
     }
 
     pub(super) fn write(&self, file: &str, bytes: &[u8], tried: &'static str) -> Result<(), SessionError> {
+        // Where the folder was moved, no other is made in its place.
+        self.log.check()?;
         let path = self.dir.join(file);
         if let Some(folder) = path.parent() {
             std::fs::create_dir_all(folder).map_err(SessionError::disk(tried, folder))?;
@@ -246,11 +388,20 @@ impl SessionStore {
     }
 }
 
+/// Whether somebody said or chose this, so that it must not be lost; what is asked next can be asked again, and what
+/// belongs to a file is kept by whoever has the file.
+fn is_said(event: &Event) -> bool {
+    !matches!(
+        event,
+        Event::Asked { .. } | Event::AskedTransition { .. } | Event::DreamKept(_) | Event::Fitted { .. }
+    )
+}
+
 /// A folder called `name` below `sessions`, or the like where there is one.
 pub(super) fn free_folder(sessions: &Path, name: &str) -> PathBuf {
     let mut dir = sessions.join(name);
     let mut number = 1;
-    while dir.exists() {
+    while dir.exists() || dir.with_added_extension(PARTIAL).exists() {
         number += 1;
         dir = sessions.join(format!("{name}-{number}"));
     }
@@ -271,12 +422,22 @@ pub(super) fn read(dir: &Path, world_model: Option<&str>) -> Result<Reading, Ses
     check_world_model(dir, &header, world_model)?;
     let path = dir.join(LOG_FILE);
     let contents = log::read(&path)?;
-    let session = fold(&header, &contents, &path)?;
+    let session = fold(&header, &contents.entries, &path)?;
     Ok(Reading { header, contents, session })
 }
 
-fn fold(header: &Header, contents: &Contents, path: &Path) -> Result<Session, SessionError> {
-    header.session().folded(&contents.entries).map_err(|(n_applied, why)| SessionError::ImpossibleLine {
+/// The dream as it is kept: a mark on the step that was never taken marks nothing.
+pub(super) fn tidied(episode: &DreamEpisode) -> DreamEpisode {
+    let mut episode = episode.clone();
+    let len = episode.len();
+    episode.unsafe_marks.retain(|mark| *mark < len);
+    episode.unsafe_marks.sort_unstable();
+    episode.unsafe_marks.dedup();
+    episode
+}
+
+fn fold(header: &Header, entries: &[Entry], path: &Path) -> Result<Session, SessionError> {
+    header.session().folded(entries).map_err(|(n_applied, why)| SessionError::ImpossibleLine {
         line: n_applied + 1,
         why,
         path: path.to_owned(),
@@ -317,7 +478,7 @@ pub(super) fn read_parameters(
     Ok((path, parameters))
 }
 
-fn world_model(dir: &Path, header: &Header) -> Result<WorldModel, SessionError> {
+pub(super) fn world_model(dir: &Path, header: &Header) -> Result<WorldModel, SessionError> {
     let Some(path) = world_model_path(dir, header) else {
         return Err(SessionError::NoWorldModel { hash: header.world_model.clone(), path: dir.to_owned() });
     };

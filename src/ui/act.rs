@@ -7,7 +7,7 @@ use eframe::egui::Context;
 
 use crate::dream::DreamEpisode;
 use crate::query::Protocol;
-use crate::session::{DreamSource, Event, Session};
+use crate::session::{DreamSource, Event, Session, SessionError};
 use crate::ui::App;
 use crate::ui::command::{Command, Field, Panel};
 use crate::ui::crew::Order;
@@ -47,6 +47,9 @@ impl App {
             | Command::RebindPad(_)
             | Command::BindPad(..)
             | Command::Control(_) => self.act_on_keys(command),
+            Command::SaveElsewhere(_) | Command::SaveIn(_) | Command::SaveAgain | Command::ForgetUnsaved => {
+                self.act_on_saving(command);
+            }
             Command::ToggleSessions => self.toggle_sessions(),
             Command::Dismiss(id) => self.state.toasts.retain(|toast| toast.id != id),
             Command::Restart => self.restart(),
@@ -118,9 +121,13 @@ impl App {
         let Some(store) = &mut self.state.store else { return false };
         match store.record(event) {
             Ok(()) => true,
-            Err(e) => {
+            Err(e @ SessionError::Impossible(_)) => {
                 let ways = vec![("Other sessions…".to_owned(), Command::ToggleSessions)];
                 self.fail_with(format!("nothing is lost, but this was not saved: {e}"), ways);
+                false
+            }
+            Err(e) => {
+                self.not_saved("nothing is lost, but this is not saved", &e.to_string());
                 false
             }
         }
@@ -169,11 +176,12 @@ impl App {
             }
             Command::RedoRecording => {
                 self.crew.send(Order::Recorder(RecorderCommand::Discard));
+                self.state.record.is_held = false;
                 self.start_recording();
             }
             _ => {
                 self.crew.send(Order::Recorder(RecorderCommand::Discard));
-                self.state.record.is_on = false;
+                (self.state.record.is_on, self.state.record.is_held) = (false, false);
             }
         }
     }
@@ -219,7 +227,7 @@ impl App {
                 self.crew.send(Order::Dreamer(DreamerCommand::Finish));
             }
             Command::RedoDream => {
-                self.crew.send(Order::Dreamer(DreamerCommand::Discard));
+                self.end_dream();
                 self.start_dream(fresh_seed());
             }
             Command::LeaveDream => self.end_dream(),
@@ -237,20 +245,19 @@ impl App {
         let idx = self.state.dream.start_idx;
         let start = self.state.world.loaded.as_ref().and_then(|world| world.starts.get(idx));
         let Some(start) = start.map(|start| start.state.clone()) else { return };
-        let journal = self
-            .state
-            .store
-            .as_ref()
-            .map(|store| store.journal(&DreamEpisode::new(start.clone(), seed), DreamSource::User));
-        let journal = match journal.transpose() {
-            Ok(journal) => journal,
+        // Nobody drives what could not be kept; why there is no session has been said.
+        let Some(store) = &self.state.store else { return };
+        let begun = DreamEpisode::new(start.clone(), seed);
+        let journal = match store.journal(&begun, DreamSource::User) {
+            Ok(journal) => Some(journal),
             Err(e) => {
-                self.fail(format!("this dream would be lost if the program were killed: {e}"));
-                None
+                let text = "no dream begins, for it would be lost if the program were killed";
+                return self.not_saved(text, &e.to_string());
             }
         };
         self.hands.release();
         let dream = &mut self.state.dream;
+        dream.begun = Some(begun);
         (dream.is_on, dream.is_ending, dream.live, dream.seed) = (true, false, None, seed);
         self.crew.send(Order::Dreamer(DreamerCommand::Start { start, seed, journal }));
     }

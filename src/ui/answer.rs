@@ -156,6 +156,10 @@ impl App {
         if self.state.label.guided.pop().is_some() {
             return;
         }
+        // What did not get to disk was said last.
+        if self.forget_unsaved_event() {
+            return;
+        }
         let Some(query) = self.state.session().and_then(Session::undoable) else { return };
         if !self.record(Event::Retracted { query }) {
             return;
@@ -181,7 +185,7 @@ impl App {
     }
 
     /// Tells the trainer what counts for a query now.
-    fn teach(&mut self, query: QueryId) {
+    pub(super) fn teach(&mut self, query: QueryId) {
         let Some(session) = self.state.session() else { return };
         let Some(asked) = session.query(query) else { return };
         if asked.repeats().is_some() {

@@ -8,6 +8,7 @@ use crate::env::controls::ControlConfig;
 use crate::query::{DreamId, Justification, Protocol, QueryId, Response, SkipReason, Weights};
 use crate::ui::choosing::Asking;
 use crate::ui::dialog::Purpose;
+use crate::ui::elsewhere::Elsewhere;
 use crate::ui::input::PadButton;
 use crate::ui::keys::Deed;
 use crate::ui::pace::Budget;
@@ -65,6 +66,8 @@ pub enum Field {
     Session,
     /// Who answers.
     Annotator,
+    /// Where to save what cannot be saved where it was to be.
+    Elsewhere,
     /// Who is to answer the queries that are handed on.
     HandOnTo,
 }
@@ -102,6 +105,14 @@ pub enum Command {
     ResetKeys,
     /// Changes how much keys give, and where a pad begins to.
     Control(ControlConfig),
+    /// Asks where to save what cannot be saved where it was to be, or no longer.
+    SaveElsewhere(Option<Elsewhere>),
+    /// Saves it there.
+    SaveIn(PathBuf),
+    /// Saves it where it was to be, after all.
+    SaveAgain,
+    /// Lets go of what could not be saved.
+    ForgetUnsaved,
     /// Opens or closes the list of sessions.
     ToggleSessions,
     /// Takes a message away.

@@ -127,10 +127,17 @@ impl App {
             }
             Report::Recorded { episode, n_steps } => {
                 (self.state.record.is_on, self.state.record.is_ending) = (false, false);
+                self.state.record.is_held = false;
                 self.state.record.n_kept += 1;
                 self.next_track(Field::RecordSeed);
                 self.list_recordings();
                 self.done(format!("episode {episode} is on disk: {n_steps} steps"));
+            }
+            Report::Held(why) => self.recording_held(&why),
+            Report::Moved(dataset) => self.recording_moved(&dataset),
+            Report::Unjournaled(why) => {
+                let text = "the dream goes on, but is lost if the program ends before it is kept";
+                self.not_saved(text, &why);
             }
             Report::Unfinished(n) => self.offer_recordings(n),
             Report::Modeling(progress) => {
@@ -174,8 +181,9 @@ impl App {
 
     pub(super) fn keep_dream(&mut self, episode: DreamEpisode, journal: Option<DreamJournal>) {
         let Some(store) = &mut self.state.store else {
-            self.fail("the dream could not be kept, for there is no session to keep it in".to_owned());
-            return;
+            self.state.dream.unsaved.push((episode, journal));
+            let why = "there is no session to keep it in";
+            return self.not_saved("the dream is not lost but could not be kept yet", why);
         };
         match store.save_dream(&episode, DreamSource::User) {
             Ok(id) => {
@@ -187,9 +195,8 @@ impl App {
                 }
             }
             Err(e) => {
-                self.state.dream.unsaved = Some((episode, journal));
-                let text = format!("the dream is not lost but could not be kept yet: {e}");
-                self.fail_with(text, vec![("Try again".to_owned(), Command::RecoverDreams)]);
+                self.state.dream.unsaved.push((episode, journal));
+                self.not_saved("the dream is not lost but could not be kept yet", &e.to_string());
             }
         }
     }
@@ -211,9 +218,12 @@ impl App {
         // Those asked for before were overtaken by this one.
         let after = reward.asked.drain(..=asked).next_back().map_or(0, |(_, after)| after);
         let fit = Fit { after, n_labels, seed, epochs: epochs as u32, losses, held_out };
-        match store.save_reward(&parameters, fit) {
+        match store.save_reward(&parameters, fit.clone()) {
             Ok(()) => self.done(format!("the reward is fitted to {n_labels} answers and saved")),
-            Err(e) => self.fail(e.to_string()),
+            Err(e) => {
+                self.state.reward.unsaved = Some((parameters, fit));
+                self.not_saved("the reward is not lost but is not saved yet", &e.to_string());
+            }
         }
     }
 
@@ -226,7 +236,10 @@ impl App {
             "synthesizer" if !has_died => return self.not_made(message.to_owned()),
             "synthesizer" => self.make_trajectories(false),
             "librarian" => self.librarian_failed(),
-            "recorder" => (self.state.record.is_on, self.state.record.is_ending) = (false, false),
+            "recorder" => {
+                (self.state.record.is_on, self.state.record.is_ending) = (false, false);
+                self.state.record.is_held = false;
+            }
             "modeler" => {
                 self.state.world.fit = None;
                 let way = vec![("Go on".to_owned(), Command::FitWorld { resume: true })];

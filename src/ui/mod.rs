@@ -10,6 +10,7 @@ mod choosing;
 mod command;
 mod crew;
 mod dialog;
+mod elsewhere;
 mod errands;
 mod foretelling;
 mod hear;
@@ -52,6 +53,7 @@ pub use choosing::Asking;
 pub use command::{Command, Field, Panel};
 pub use crew::{Crew, Order, Plans, Slots, Threads};
 pub use dialog::Purpose;
+pub use elsewhere::Elsewhere;
 pub use input::{Gilrs, InputSource, NoPads, PadButton, PadEvent, system_pads};
 pub use keys::{Deed, Keys};
 pub use pace::Budget;
@@ -211,8 +213,9 @@ impl App {
         fields.insert(Field::RecordSeed, "1".to_owned());
         fields.insert(Field::DeploySeed, "1".to_owned());
         fields.insert(Field::Session, self.sessions.display().to_string());
-        if let Some(store) = session {
-            self.read_session(store);
+        match session {
+            Some(store) => self.read_session(store),
+            None => self.look_for_place(),
         }
         match world {
             FirstWorld::In(path) => self.load_world(ctx, path),
@@ -272,6 +275,8 @@ impl eframe::App for App {
         self.hear_slots(ctx);
         self.hear_dialog(ctx);
         self.hear_drops(ctx);
+        self.look_at_session(ctx);
+        self.hear_closing(ctx);
         self.hear_errands(ctx);
         self.hear_opener();
         self.hear_looking();

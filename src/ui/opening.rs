@@ -57,6 +57,9 @@ impl App {
         if self.state.dream.is_on {
             return self.warn("end the dream first: keep it, or leave it".to_owned());
         }
+        if self.is_unsaved() {
+            return self.save_first();
+        }
         self.state.sessions_open = false;
         if self.state.opening.as_ref().is_some_and(|opening| opening.dir == dir) {
             return;

@@ -8,6 +8,7 @@ use crate::ui::App;
 use crate::ui::act::{counted, fresh_seed};
 use crate::ui::command::{Command, Panel};
 use crate::ui::crew::Order;
+use crate::ui::elsewhere::Saving;
 use crate::ui::state::Rewarding;
 use crate::worker::{DriverCommand, TrainerCommand};
 
@@ -15,6 +16,9 @@ impl App {
     pub(super) fn new_session(&mut self, protocol: Protocol) {
         if self.state.dream.is_on {
             return self.warn("end the dream first: keep it, or leave it".to_owned());
+        }
+        if self.is_unsaved() {
+            return self.save_first();
         }
         let Some(world) = &self.state.world.loaded else {
             self.fail("a session needs a world model: load one first".to_owned());
@@ -40,8 +44,7 @@ impl App {
                 }
             }
             Err(e) => {
-                let ways = vec![("Other sessions…".to_owned(), Command::ToggleSessions)];
-                self.fail_with(e.to_string(), ways);
+                self.no_place(&e.to_string());
             }
         }
     }
@@ -62,8 +65,7 @@ impl App {
         self.end_dream();
         self.forget_workers();
         self.state.deploy.is_on = false;
-        // What could not be saved there is found again where it was driven.
-        self.state.dream.unsaved = None;
+        self.state.saving = Saving::default();
         (self.state.label, self.state.reward) = (self.state.label.anew(), Rewarding::default());
         if let Some(torn) = store.torn() {
             self.warn(format!(
@@ -119,9 +121,6 @@ impl App {
     }
 
     pub(super) fn recover(&mut self) {
-        if let Some((episode, journal)) = self.state.dream.unsaved.take() {
-            return self.keep_dream(episode, journal);
-        }
         if self.state.unfinished.is_empty() {
             let Some(store) = &self.state.store else { return };
             self.state.unfinished = store.unfinished_dreams().unwrap_or_default();

@@ -10,10 +10,11 @@ use crate::env::controls::{ControlConfig, Pad};
 use crate::env::{Action, Frame};
 use crate::evaluation::EpisodeMetrics;
 use crate::query::{Protocol, Weights};
-use crate::session::{DreamJournal, Header, Session, SessionStore, UnfinishedDream};
+use crate::session::{DreamJournal, Fit, Header, Session, SessionStore, UnfinishedDream};
 use crate::tensor::Parameters;
 use crate::ui::beside::Besides;
 use crate::ui::command::{Command, Field, Panel};
+use crate::ui::elsewhere::Saving;
 use crate::ui::errands::Several;
 use crate::ui::keys::{Deed, Keys, Rebinding};
 use crate::ui::labeling::Labeling;
@@ -72,6 +73,8 @@ pub(crate) struct State {
     /// Dreams that a killed program left behind.
     pub unfinished: Vec<UnfinishedDream>,
     pub sessions_open: bool,
+    /// What is not saved, and where it is to be saved.
+    pub saving: Saving,
     /// Sessions of several annotators.
     pub several: Several,
     /// What is being done with files, in a few words.
@@ -205,6 +208,8 @@ pub(crate) struct Recording {
     pub is_on: bool,
     /// Whether the recording has been asked to end and is being sealed.
     pub is_ending: bool,
+    /// Whether it stands because it cannot be written.
+    pub is_held: bool,
     pub live: Option<LiveView>,
     pub picture: Option<TextureHandle>,
     /// How many episodes were kept since the window opened.
@@ -225,8 +230,10 @@ pub(crate) struct Dreaming {
     /// What starts look like, in their order.
     pub thumbnails: Vec<Option<TextureHandle>>,
     pub seed: u64,
-    /// One that could not be written, and its journal if that could be.
-    pub unsaved: Option<(DreamEpisode, Option<DreamJournal>)>,
+    /// The one that is being driven, as it began.
+    pub begun: Option<DreamEpisode>,
+    /// Those that could not be written, each with its journal if that could be.
+    pub unsaved: Vec<(DreamEpisode, Option<DreamJournal>)>,
     /// What the hands do now.
     pub action: Action,
 }
@@ -245,6 +252,8 @@ pub(crate) struct Rewarding {
     /// How many answers those rest on.
     pub n_learned: usize,
     pub is_fitting: bool,
+    /// A fit that could not be written.
+    pub unsaved: Option<(Parameters, Fit)>,
     /// Whether other weights are being learned.
     pub is_relearning: bool,
     /// Weights that are tried with a slider.
@@ -331,7 +340,7 @@ impl State {
 
     /// Whether something lies over the panel, so that its keys do nothing.
     pub(crate) fn is_covered(&self) -> bool {
-        self.help_open || self.sessions_open || self.several.is_open
+        self.help_open || self.sessions_open || self.several.is_open || self.saving.asked.is_some()
     }
 
     /// What is typed into a field.

@@ -37,6 +37,8 @@ pub enum DreamerCommand {
     Finish,
     /// Ends the dream and forgets it, journal and all.
     Discard,
+    /// Writes the dream into this journal from now on, and what was driven so far.
+    Journal(DreamJournal),
 }
 
 /// Draws clips before they are needed.
@@ -159,6 +161,8 @@ pub enum RecorderCommand {
     Keep,
     /// Ends the episode and forgets it.
     Discard,
+    /// Goes on with the episode in this dataset, with all that was driven so far.
+    SaveIn(PathBuf),
     /// Looks in this dataset for episodes that a killed program left behind, unless one is being driven.
     Look(PathBuf),
     /// Seals those, as far as they go.

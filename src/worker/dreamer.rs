@@ -83,7 +83,7 @@ struct Live {
     dream: Dream,
     rng: ChaCha8Rng,
     journal: Option<DreamJournal>,
-    /// Whether the journal has refused a step; then it is left as it is.
+    /// Whether the journal has refused a step, and has been told of; the next step may catch up.
     is_journal_broken: bool,
     action: Action,
     /// Who drives where no person does.
@@ -93,13 +93,14 @@ struct Live {
 impl Live {
     /// Writes down what is new, and says where that fails for the first time.
     fn note(&mut self, reports: &Reports) {
-        let Some(journal) = self.journal.as_mut().filter(|_| !self.is_journal_broken) else { return };
-        if let Err(e) = journal.follow(self.dream.episode()) {
-            self.is_journal_broken = true;
-            reports.fail(
-                NAME,
-                format!("{e}; the dream goes on, but is lost if the program ends before it is kept"),
-            );
+        let Some(journal) = self.journal.as_mut() else { return };
+        match journal.follow(self.dream.episode()) {
+            Ok(()) => self.is_journal_broken = false,
+            Err(_) if self.is_journal_broken => {}
+            Err(e) => {
+                self.is_journal_broken = true;
+                reports.send(Report::Unjournaled(e.to_string()));
+            }
         }
     }
 }
@@ -143,6 +144,21 @@ impl Dreamer<'_> {
                     live.co_driver = (is_over && can_plan).then(|| CoDriver::new(planner.clone(), seed));
                 }
                 self.show(Duration::MAX);
+            }
+            DreamerCommand::Journal(journal) => {
+                let before = match &mut self.live {
+                    Some(live) => {
+                        let before = live.journal.replace(journal);
+                        live.is_journal_broken = false;
+                        live.note(self.reports);
+                        before
+                    }
+                    // It has ended meanwhile.
+                    None => Some(journal),
+                };
+                if let Some(Err(e)) = before.map(DreamJournal::discard) {
+                    log::warn!("{e}");
+                }
             }
             DreamerCommand::Finish => self.finish(),
             DreamerCommand::Discard => {

@@ -5,7 +5,7 @@ use std::sync::mpsc::Receiver;
 use std::time::{Instant, SystemTime, UNIX_EPOCH};
 
 use crate::dataset::{Dataset, DatasetError, EpisodeInfo, Recording, StepRecord};
-use crate::env::{Action, Env, Frame, Seed};
+use crate::env::{Action, End, Env, Frame, Seed};
 use crate::planner::PlannerConfig;
 use crate::worker::clock::{Allowance, Beat, Clock, Rate, held};
 use crate::worker::companion::Companion;
@@ -99,6 +99,17 @@ struct Take {
     /// What is seen now.
     frame: Frame,
     action: Action,
+    /// The step that was driven last, until it is on disk.
+    unsaved: Option<Unsaved>,
+}
+
+/// A step that is not on disk yet.
+struct Unsaved {
+    step: StepRecord,
+    /// Whether the planner drove.
+    planned: bool,
+    /// Whether the environment ended the episode with it.
+    end: Option<End>,
 }
 
 impl Recorder<'_> {
@@ -106,7 +117,10 @@ impl Recorder<'_> {
         match command {
             RecorderCommand::Start { dataset, seed } => {
                 self.end(false)?;
-                self.start(&dataset, seed)?;
+                // One that could not be ended is not thrown away for the next.
+                if self.take.is_none() {
+                    self.start(&dataset, seed)?;
+                }
             }
             RecorderCommand::Pause(pause) if self.take.is_some() => {
                 if pause {
@@ -132,6 +146,7 @@ impl Recorder<'_> {
             }
             RecorderCommand::Beside(beside) => self.companion.ride_beside(beside),
             RecorderCommand::Keep => self.end(false)?,
+            RecorderCommand::SaveIn(dataset) => self.save_in(&dataset),
             RecorderCommand::Discard => {
                 self.clock.stop();
                 self.take.take().map_or(Ok(()), |take| take.recording.discard())?;
@@ -172,7 +187,13 @@ impl Recorder<'_> {
         let info = EpisodeInfo { env: self.env_name.to_owned(), pilot: PILOT.to_owned(), seed };
         let recording = dataset.begin(info)?;
         self.env.reset(Seed::Native(seed));
-        self.take = Some(Take { dataset, recording, frame: self.env.frame(), action: Action::default() });
+        self.take = Some(Take {
+            dataset,
+            recording,
+            frame: self.env.frame(),
+            action: Action::default(),
+            unsaved: None,
+        });
         self.companion.begin();
         self.clock = Clock::default();
         self.show();
@@ -184,6 +205,10 @@ impl Recorder<'_> {
         let now = Instant::now();
         self.clock.tick(now);
         let Some(take) = &mut self.take else { return Ok(()) };
+        // With a step missing it would be another episode: nothing is driven before that one is on disk.
+        if take.unsaved.is_some() {
+            return self.write_down();
+        }
         let hands = held(self.action, now);
         let planned = self.companion.act(hands, &take.frame);
         take.action = planned.unwrap_or(hands);
@@ -198,26 +223,78 @@ impl Recorder<'_> {
             contacts: self.env.truth().contacts,
             wall_time_ns,
         };
-        if let Err(e) = take.recording.push_by(&step, planned.is_some()) {
-            // With a step missing it would be another episode; what was driven so far is safe in the journal.
-            self.clock.stop();
-            self.take = None;
-            return Err(e);
+        take.unsaved = Some(Unsaved { step, planned: planned.is_some(), end: outcome.end });
+        self.write_down()
+    }
+
+    /// Writes down the step that was driven last.
+    fn write_down(&mut self) -> Result<(), DatasetError> {
+        if !self.is_written_down() {
+            return Ok(());
         }
+        let end = self.take.as_mut().and_then(|take| take.unsaved.take()?.end);
         self.show();
         self.show_beside();
-        if outcome.end.is_some() { self.end(true) } else { Ok(()) }
+        if end.is_some() { self.end(true) } else { Ok(()) }
+    }
+
+    /// Whether all that was driven is on disk under its name; where it cannot be, the clock stands, all of it is kept in
+    /// memory, and somebody is asked what to do.
+    fn is_written_down(&mut self) -> bool {
+        let Some(take) = &mut self.take else { return true };
+        let written = match &take.unsaved {
+            Some(Unsaved { step, planned, .. }) => take.recording.push_by(step, *planned),
+            None => take.recording.check(),
+        };
+        written.map_err(|e| self.hold(e.to_string())).is_ok()
+    }
+
+    fn hold(&mut self, why: String) {
+        self.clock.stop();
+        self.show();
+        self.reports.send(Report::Held(why));
+    }
+
+    /// Goes on with what is being driven in another dataset.
+    fn save_in(&mut self, dir: &Path) {
+        self.clock.stop();
+        let Some(take) = &mut self.take else { return };
+        let moved = Dataset::create_or_open(dir, self.env_name).and_then(|dataset| {
+            let recording = dataset.take_over(&take.recording)?;
+            Ok((dataset, recording))
+        });
+        match moved {
+            Err(e) => self.hold(e.to_string()),
+            Ok((dataset, recording)) => {
+                take.dataset = dataset;
+                let before = std::mem::replace(&mut take.recording, recording);
+                if let Err(e) = before.discard() {
+                    log::warn!("{e}");
+                }
+                self.show();
+                self.reports.send(Report::Moved(dir.to_owned()));
+            }
+        }
     }
 
     /// Seals what was driven, unless that is nothing; `done` says whether the environment ended it.
     fn end(&mut self, done: bool) -> Result<(), DatasetError> {
         self.clock.stop();
-        let Some(Take { mut dataset, recording, frame, .. }) = self.take.take() else { return Ok(()) };
+        if !self.is_written_down() {
+            return Ok(());
+        }
+        let Some(Take { mut dataset, recording, frame, unsaved, .. }) = self.take.take() else {
+            return Ok(());
+        };
+        let done = done || unsaved.is_some_and(|unsaved| unsaved.end.is_some());
         let n_steps = recording.n_steps();
         if n_steps == 0 {
             return recording.discard();
         }
-        let episode = dataset.seal(recording, &frame, done)?;
+        let episode = dataset.seal(recording, &frame, done).inspect_err(|_| {
+            // It stays in its journal, and is offered from there.
+            self.reports.send(Report::Unfinished(1));
+        })?;
         drop(dataset);
         self.reports.send(Report::Recorded { episode, n_steps });
         Ok(())

@@ -104,6 +104,12 @@ pub enum Report {
         /// Steps.
         n_steps: usize,
     },
+    /// A recording stands, for it cannot be written; what was driven is kept. The sentence says why.
+    Held(String),
+    /// A recording goes on in this dataset.
+    Moved(PathBuf),
+    /// A dream is driven and cannot be written down; the sentence says why.
+    Unjournaled(String),
     /// So many recordings were left behind by a killed program.
     Unfinished(usize),
     /// What a folder of recordings holds.

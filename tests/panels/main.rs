@@ -16,6 +16,7 @@ mod looks;
 mod several;
 mod trajectories;
 mod opening;
+mod saving;
 mod shelf;
 
 use std::path::Path;

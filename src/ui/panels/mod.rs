@@ -6,6 +6,7 @@ mod asking;
 mod beside;
 mod deploy;
 mod dream;
+mod elsewhere;
 mod foretold;
 mod help;
 mod label;
@@ -65,6 +66,9 @@ pub(super) fn window_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>)
     }
     if state.several.is_open {
         several::several_ui(ui, state, commands);
+    }
+    if state.saving.asked.is_some() {
+        elsewhere::elsewhere_ui(ui, state, commands);
     }
     if state.help_open {
         help::help_ui(ui, state, commands);

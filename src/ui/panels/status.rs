@@ -7,6 +7,7 @@ use eframe::egui::{
 
 use crate::ui::act::counted;
 use crate::ui::command::{Command, Field};
+use crate::ui::elsewhere::Elsewhere;
 use crate::ui::panels::progress;
 use crate::ui::state::{State, ToastKind};
 use crate::ui::tokens::{self, CORNER, Tokens};
@@ -22,6 +23,7 @@ pub(super) fn status_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>)
         let about = "Who answers, kept with every answer; the list of answers has a field for the name";
         ui.label(tokens::small(ui, annotator)).on_hover_text(about);
         match &state.store {
+            _ if state.saving.trouble.is_some() => unsaved_ui(ui, state, commands),
             Some(store) => {
                 let n = store.session().n_entries();
                 let text = tokens::small(ui, format!("saved · {}", counted(n as usize, "event")));
@@ -63,6 +65,24 @@ fn annotator(state: &State) -> String {
     let typed = state.field(Field::Annotator).trim();
     let of_the_session = state.header().map_or("anonymous", |header| header.config.annotator.as_str());
     if typed.is_empty() { of_the_session.to_owned() } else { typed.to_owned() }
+}
+
+/// What is not on disk, and a way to put it there.
+fn unsaved_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
+    let bad = Tokens::of(ui).bad;
+    let (text, asked) = match &state.store {
+        None => ("no place to save".to_owned(), Elsewhere::Sessions),
+        Some(store) if store.n_unsaved() == 0 => ("not saved".to_owned(), Elsewhere::Session),
+        Some(store) => {
+            (format!("not saved · {} not on disk", counted(store.n_unsaved(), "event")), Elsewhere::Session)
+        }
+    };
+    let text = tokens::small(ui, text).color(bad);
+    let button = ui.add(eframe::egui::Button::new(text).frame(false));
+    let why = state.saving.trouble.as_deref().unwrap_or_default();
+    if button.on_hover_text(why).clicked() {
+        commands.push(Command::SaveElsewhere(Some(asked)));
+    }
 }
 
 /// A word that can be clicked.

@@ -213,6 +213,16 @@ impl fmt::Display for Terms {
 /// Whoever listens to a fit; `Break` stops it.
 pub type Report<'a> = dyn FnMut(&Progress) -> ControlFlow<()> + 'a;
 
+/// Whether a world model can be trained on `dataset` at all: what takes no time to find out, before anything is touched.
+pub fn check(dataset: &Dataset) -> Result<(), FitError> {
+    let n = dataset.n_episodes();
+    if n < 2 {
+        return Err(FitError::TooFew(n));
+    }
+    dataset.episode(0)?;
+    Ok(())
+}
+
 /// Trains a world model on `dataset`, keeping all it needs to resume in `run`.
 pub fn fit_world(
     dataset: &Dataset,
@@ -221,10 +231,8 @@ pub fn fit_world(
     run: &Run,
     report: &mut Report<'_>,
 ) -> Result<Parameters, FitError> {
+    check(dataset)?;
     let n = dataset.n_episodes();
-    if n < 2 {
-        return Err(FitError::TooFew(n));
-    }
     let (env, recordings) = (config.env.clone(), dataset.fingerprint());
     let now = Terms { env, n_episodes: n, held_out: fit.held_out, seed: fit.seed, recordings };
     match run.recall::<Terms>("terms")? {
