@@ -26,6 +26,8 @@ mod pressing;
 mod recent;
 mod rebind;
 mod review;
+mod router;
+mod seen;
 mod sessions;
 mod shelf;
 mod state;
@@ -59,10 +61,12 @@ pub use state::{DreamStart, LoadedWorld};
 
 use dialog::Dialog;
 use errands::Errand;
+use hear::Focus;
 use input::Hands;
 use opening::{Opening, Reading};
 use preferences::Preferences;
 use recent::Looking;
+use seen::{Picture, Typing};
 use state::{State, World};
 
 /// Makes a world model out of a file, or says in a sentence why it cannot.
@@ -107,6 +111,9 @@ pub struct App {
     inbox: Receiver<Report>,
     input: Box<dyn InputSource>,
     hands: Hands,
+    /// Keys that were struck faster than the window draws.
+    typing: Typing,
+    focus: Focus,
     load: Load,
     /// A world model that is being read.
     loading: Option<Job<Result<LoadedWorld, String>>>,
@@ -184,6 +191,8 @@ impl App {
             inbox,
             input: startup.input,
             hands: Hands::default(),
+            typing: Typing::default(),
+            focus: Focus::default(),
             load: startup.load,
             loading: None,
             opening: None,
@@ -238,7 +247,14 @@ impl App {
 
     /// The query whose clips are on the screen: for tests and benches.
     pub fn shown(&self) -> Option<QueryId> {
-        self.state.label.shown.map(|(query, _)| query)
+        self.state.label.shown.map(|shown| shown.query)
+    }
+
+    /// Whether they were there for long enough that an answer is taken: for tests and benches.
+    pub fn is_answerable(&self) -> bool {
+        let State { picture, label, .. } = &self.state;
+        let next = Picture { nr: picture.nr + 1, at: picture.at };
+        label.shown.is_some_and(|shown| shown.is_seen(next))
     }
 
     /// How many of the queries that come next are ready to be shown, one after the other: for tests and benches.
@@ -266,7 +282,6 @@ fn adapter(cc: &CreationContext<'_>) -> (String, bool) {
 
 impl eframe::App for App {
     fn logic(&mut self, ctx: &Context, _frame: &mut eframe::Frame) {
-        self.state.now = ctx.input(|input| input.time);
         self.hear_hands(ctx);
         self.hear_reports(ctx);
         self.hear_slots(ctx);
@@ -288,6 +303,7 @@ impl eframe::App for App {
         input::set_live(ui.ctx(), !self.state.is_covered());
         let mut commands = Vec::new();
         panels::window_ui(ui, &self.state, &mut commands);
+        self.note_drawn();
         if !commands.is_empty() {
             // What they change is seen in the next picture only.
             ui.ctx().request_repaint();

@@ -21,6 +21,7 @@ use crate::ui::opening::BeingOpened;
 use crate::ui::pads::Pads;
 use crate::ui::recent::RecentSessions;
 use crate::ui::review::Reviewing;
+use crate::ui::seen::Picture;
 use crate::ui::shelf::Shelving;
 use crate::worker::{DriveView, Learning, LiveView};
 use crate::world_model::LatentState;
@@ -59,6 +60,10 @@ pub(crate) struct State {
     pub(crate) env: String,
     /// Seconds since the window opened.
     pub now: f64,
+    /// The picture of the window that is being laid out.
+    pub picture: Picture,
+    /// The picture with which the key came that is heard now.
+    pub heard: Picture,
     /// What is shown.
     pub panel: Panel,
     /// What is typed.
@@ -96,6 +101,8 @@ pub(crate) struct State {
     pub adapter: String,
     /// The pads that are plugged in.
     pub pads: Vec<String>,
+    /// The one of them that drives.
+    pub pad_in_use: Option<String>,
     pub toasts: Vec<Toast>,
     pub world: World,
     pub record: Recording,
@@ -207,6 +214,8 @@ pub(crate) struct Recording {
     pub is_ending: bool,
     pub live: Option<LiveView>,
     pub picture: Option<TextureHandle>,
+    /// Why it was paused, where nobody asked for that.
+    pub why_paused: Option<&'static str>,
     /// How many episodes were kept since the window opened.
     pub n_kept: usize,
     /// The dream beside.
@@ -229,6 +238,8 @@ pub(crate) struct Dreaming {
     pub unsaved: Option<(DreamEpisode, Option<DreamJournal>)>,
     /// What the hands do now.
     pub action: Action,
+    /// Why it was paused, where nobody asked for that.
+    pub why_paused: Option<&'static str>,
 }
 
 /// Learning the reward.
