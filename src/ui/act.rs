@@ -208,6 +208,7 @@ impl App {
         self.hands.release();
         (self.state.record.is_on, self.state.record.is_ending) = (true, false);
         (self.state.record.live, self.state.record.why_paused) = (None, None);
+        self.state.record.is_shared = false;
         self.crew.send(Order::Recorder(RecorderCommand::Start { dataset, seed }));
     }
 
@@ -266,7 +267,7 @@ impl App {
         self.hands.release();
         let dream = &mut self.state.dream;
         (dream.is_on, dream.is_ending, dream.live, dream.seed) = (true, false, None, seed);
-        dream.why_paused = None;
+        (dream.is_shared, dream.why_paused) = (false, None);
         self.crew.send(Order::Dreamer(DreamerCommand::Start { start, seed, journal }));
     }
 

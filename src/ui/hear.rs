@@ -286,6 +286,7 @@ impl App {
         reward.parameters = Some(parameters.clone());
         reward.is_relearning = false;
         self.teach_reviewer();
+        self.teach_planner();
         let reward = &mut self.state.reward;
         let Some((seed, losses)) = fit else { return };
         reward.is_fitting = false;

@@ -10,6 +10,7 @@ mod choosing;
 mod command;
 mod crew;
 mod dialog;
+mod display;
 mod errands;
 mod foretelling;
 mod hear;
@@ -36,6 +37,7 @@ mod toasts;
 mod tokens;
 mod trajectories;
 mod widgets;
+mod written;
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -57,6 +59,7 @@ pub use dialog::Purpose;
 pub use input::{Gilrs, InputSource, NoPads, PadButton, PadEvent, system_pads};
 pub use keys::{Deed, Keys};
 pub use pace::Budget;
+pub use preferences::{Preferences, Problem, is_settings_file, settings_file};
 pub use state::{DreamStart, LoadedWorld};
 
 use dialog::Dialog;
@@ -64,7 +67,7 @@ use errands::Errand;
 use hear::Focus;
 use input::Hands;
 use opening::{Opening, Reading};
-use preferences::Preferences;
+use preferences::Leftover;
 use recent::Looking;
 use seen::{Picture, Typing};
 use state::{State, World};
@@ -114,6 +117,8 @@ pub struct App {
     /// Keys that were struck faster than the window draws.
     typing: Typing,
     focus: Focus,
+    /// What was in the way when settings were read.
+    leftover: Leftover,
     load: Load,
     /// A world model that is being read.
     loading: Option<Job<Result<LoadedWorld, String>>>,
@@ -138,19 +143,49 @@ pub struct App {
     pace: Duration,
 }
 
-/// Opens the window and stays until it is closed; what prevents that is one sentence.
-pub fn run(startup: Startup) -> Result<(), String> {
+/// The name under which the system knows the program, and keeps its settings.
+const NAME: &str = "dropj";
+
+/// What an event loop is made by.
+type EventLoop = eframe::EventLoopBuilder<eframe::UserEvent>;
+
+/// Opens the window, says these `notices` in it, and stays until it is closed; what prevents that is one sentence.
+pub fn run(startup: Startup, notices: Vec<String>) -> Result<(), String> {
+    let is_x11_forced = display::force_x11().map_err(|met| no_window(&met))?;
     let viewport = ViewportBuilder::default()
-        .with_title("dropj")
-        .with_app_id("dropj")
+        .with_title(NAME)
+        .with_app_id(NAME)
         .with_inner_size([1280.0, 820.0])
         .with_min_inner_size([880.0, 600.0]);
-    let options = eframe::NativeOptions { viewport, ..eframe::NativeOptions::default() };
+    let mut options = eframe::NativeOptions { viewport, ..eframe::NativeOptions::default() };
+    if is_x11_forced {
+        options.event_loop_builder = Some(Box::new(open_on_x11));
+    }
     let create =
         |cc: &CreationContext<'_>| -> Result<Box<dyn eframe::App>, Box<dyn std::error::Error + Send + Sync>> {
-            Ok(Box::new(App::new(cc, startup)))
+            let mut app = App::new(cc, startup);
+            for notice in notices {
+                app.fail(notice);
+            }
+            Ok(Box::new(app))
         };
-    eframe::run_native("dropj", options, Box::new(create)).map_err(|e| sentence(&e))
+    eframe::run_native(NAME, options, Box::new(create)).map_err(|e| sentence(&e))
+}
+
+#[cfg(target_os = "linux")]
+fn open_on_x11(builder: &mut EventLoop) {
+    use winit::platform::x11::EventLoopBuilderExtX11 as _;
+    builder.with_x11();
+}
+
+#[cfg(not(target_os = "linux"))]
+fn open_on_x11(_: &mut EventLoop) {}
+
+/// What to tell somebody who has no window, and why.
+fn no_window(why: &str) -> String {
+    format!(
+        "cannot open a window, for {why}; all but the window works from the command line: see `dropj --help`"
+    )
 }
 
 /// What to tell somebody whose window did not open.
@@ -158,14 +193,16 @@ fn sentence(error: &eframe::Error) -> String {
     log::info!("no window: {error}");
     let why = match error {
         eframe::Error::Winit(_) | eframe::Error::WinitEventLoop(_) => {
-            "cannot open a window, for no display answers (is DISPLAY or WAYLAND_DISPLAY set?)".to_owned()
+            "no display answers (is DISPLAY or WAYLAND_DISPLAY set?)".to_owned()
         }
-        eframe::Error::Wgpu(_) => "cannot draw a window, for there is neither a graphics card nor a software \
-                                   renderer (on Debian and Ubuntu `apt install mesa-vulkan-drivers` brings one)"
-            .to_owned(),
-        eframe::Error::AppCreation(_) => format!("cannot open the window ({error})"),
+        eframe::Error::Wgpu(_) => {
+            "there is neither a graphics card nor a software renderer to draw it (on Debian \
+                                   and Ubuntu `apt install mesa-vulkan-drivers` brings one)"
+                .to_owned()
+        }
+        eframe::Error::AppCreation(_) => error.to_string(),
     };
-    format!("{why}; all but the window works from the command line: see `dropj --help`")
+    no_window(&why)
 }
 
 impl App {
@@ -193,6 +230,7 @@ impl App {
             hands: Hands::default(),
             typing: Typing::default(),
             focus: Focus::default(),
+            leftover: Leftover::default(),
             load: startup.load,
             loading: None,
             opening: None,
@@ -207,7 +245,7 @@ impl App {
             next_toast: 0,
             pace,
         };
-        Preferences::load(cc.storage).apply(ctx, &mut app.state);
+        app.load_preferences(ctx, cc.storage);
         app.begin(ctx, startup.dataset, startup.world, startup.session);
         app
     }
@@ -314,7 +352,7 @@ impl eframe::App for App {
     }
 
     fn save(&mut self, storage: &mut dyn eframe::Storage) {
-        Preferences::of(&self.state).save(storage);
+        self.save_preferences(storage);
     }
 
     fn on_exit(&mut self) {

@@ -212,6 +212,8 @@ pub(crate) struct Recording {
     pub is_on: bool,
     /// Whether the recording has been asked to end and is being sealed.
     pub is_ending: bool,
+    /// Whether the planner was given the wheel since it began.
+    pub is_shared: bool,
     pub live: Option<LiveView>,
     pub picture: Option<TextureHandle>,
     /// Why it was paused, where nobody asked for that.
@@ -228,6 +230,8 @@ pub(crate) struct Dreaming {
     pub is_on: bool,
     /// Whether the dream has been asked to end and its episode is awaited.
     pub is_ending: bool,
+    /// Whether the planner was given the wheel since it began.
+    pub is_shared: bool,
     pub start_idx: usize,
     pub live: Option<LiveView>,
     pub picture: Option<TextureHandle>,
