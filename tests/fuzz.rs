@@ -38,7 +38,7 @@ const N_INPUTS: u32 = 300;
 const MOST_MIB: u64 = 600;
 
 /// Tries `read` on mutations of `corpus`; `mend` puts lengths and checksums right in half of them.
-fn fuzz(name: &str, corpus: &[Vec<u8>], cost: u32, mend: fn(&mut Vec<u8>), read: impl Fn(&[u8]) -> bool) {
+fn fuzz(name: &str, corpus: &[Vec<u8>], cost: u32, mend: fn(&mut [u8]), read: impl Fn(&[u8]) -> bool) {
     let asked: Option<u32> = std::env::var("FUZZ_INPUTS").ok().map(|text| text.parse().unwrap());
     let n_inputs = (asked.unwrap_or(N_INPUTS) / cost).max(20);
     for bytes in corpus {
@@ -84,7 +84,7 @@ fn resident_mib() -> u64 {
     kib.unwrap_or(0) / 1024
 }
 
-fn as_it_is(_: &mut Vec<u8>) {}
+fn as_it_is(_: &mut [u8]) {}
 
 #[test]
 fn fuzz_worlds() {

@@ -14,6 +14,7 @@ mod record;
 mod refit;
 mod replay;
 mod screen;
+mod settings;
 mod simulate;
 mod trace;
 mod verdicts;

@@ -11,7 +11,7 @@ use dropj::tensor::from_slice;
 use dropj::ui::{self, DreamStart, FirstWorld, LoadedWorld, Plans, Startup, Threads, system_pads};
 use dropj::world_model::fit::FitConfig;
 
-use super::{EnvName, models};
+use super::{EnvName, models, settings};
 
 #[derive(Debug, Default, clap::Args)]
 pub(crate) struct Options {
@@ -61,7 +61,8 @@ pub(crate) fn run(options: Options) -> anyhow::Result<()> {
         hire: Box::new(|reports, model| Box::new(Threads::new(plans, reports, model))),
         input: system_pads(),
     };
-    ui::run(startup).map_err(anyhow::Error::msg)
+    let notices = ui::settings_file().and_then(|path| settings::look_after(&path));
+    ui::run(startup, notices.into_iter().collect()).map_err(anyhow::Error::msg)
 }
 
 /// The world model in `path`, with what a person may want to know of it.

@@ -30,6 +30,11 @@ impl Agent {
         Self { config, rng: ChaCha8Rng::seed_from_u64(seed), t: 0, plan: None, last: None }
     }
 
+    /// Looks ahead as `config` says from the next plan on; how often a plan is made stays as it was.
+    pub fn plan_by(&mut self, config: PlannerConfig) {
+        self.config = PlannerConfig { replan: self.config.replan.min(self.config.horizon), ..config };
+    }
+
     /// The action for what is seen now, and the plan if one was made for it.
     ///
     /// Between plans the last one is driven blindly, though memory takes in what is seen.

@@ -24,6 +24,13 @@ impl CoDriver {
         Self { config, rng: ChaCha8Rng::seed_from_u64(seed), plan: None, step: 0 }
     }
 
+    /// Looks ahead as `config` says from the next plan on; that begins at once where it differs.
+    pub fn plan_by(&mut self, config: PlannerConfig) {
+        if self.config != config {
+            (self.config, self.plan) = (config, None);
+        }
+    }
+
     /// The action in `state`, by a new plan where the last one is used up.
     pub fn act(&mut self, model: &WorldModel, reward: &impl RewardModel, state: &State) -> Action {
         if self.step >= self.config.replan.clamp(1, self.config.horizon) {
@@ -58,5 +65,22 @@ mod tests {
         let [first, second] =
             [(); 2].map(|()| plan(&model, &reward, &state, &config, rng).best().actions.clone());
         assert_eq!(driven, [&first[..4], &second[..2]].concat());
+    }
+
+    #[test]
+    fn a_longer_look_begins_with_another_plan() {
+        let rng = &mut ChaCha8Rng::seed_from_u64(0);
+        let model = untrained(&WorldModelConfig::tiny(), rng);
+        let reward = RewardEnsemble::new(36, "sha256:0", RewardConfig::tiny(), rng);
+        let state = State::from(&LatentState { z: vec![0.3; 4], c: vec![0.1; 16], h: vec![0.2; 16] });
+        let near = PlannerConfig { horizon: 2, ..PlannerConfig::paper() };
+        let mut driver = CoDriver::new(near.clone(), 9);
+        driver.act(&model, &reward, &state);
+        driver.plan_by(near.clone());
+        assert!(driver.plan.is_some(), "the same config changes nothing");
+        driver.plan_by(near.for_transitions());
+        let rest: Vec<Action> = (0..4).map(|_| driver.act(&model, &reward, &state)).collect();
+        let plan = driver.plan.as_ref().map(|plan| plan.best().actions.clone()).unwrap_or_default();
+        assert_eq!((plan.len(), &rest[..]), (25, &plan[..4]));
     }
 }

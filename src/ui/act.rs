@@ -101,18 +101,26 @@ impl App {
             return;
         }
         // Nobody drives what nobody sees.
-        if self.state.dream.is_on && !self.state.dream.live.as_ref().is_some_and(|live| live.is_paused) {
-            self.crew.send(Order::Dreamer(DreamerCommand::Pause(true)));
-        }
-        if self.state.record.is_on && !self.state.record.live.as_ref().is_some_and(|live| live.is_paused) {
-            self.crew.send(Order::Recorder(RecorderCommand::Pause(true)));
-        }
+        self.pause_driving(None);
         self.hands.release();
         self.state.panel = panel;
         if panel == Panel::Record && !self.state.shelf.is_changing() {
             self.list_recordings();
             let dataset = self.state.field(Field::Dataset).into();
             self.crew.send(Order::Recorder(RecorderCommand::Look(dataset)));
+        }
+    }
+
+    /// Pauses a dream or a recording that is being driven; `why` is said where nobody asked for it.
+    pub(super) fn pause_driving(&mut self, why: Option<&'static str>) {
+        let (dream, record) = (&mut self.state.dream, &mut self.state.record);
+        if dream.is_on && !dream.live.as_ref().is_some_and(|live| live.is_paused) {
+            dream.why_paused = why;
+            self.crew.send(Order::Dreamer(DreamerCommand::Pause(true)));
+        }
+        if record.is_on && !record.live.as_ref().is_some_and(|live| live.is_paused) {
+            record.why_paused = why;
+            self.crew.send(Order::Recorder(RecorderCommand::Pause(true)));
         }
     }
 
@@ -163,7 +171,10 @@ impl App {
                 self.crew.send(Order::Recorder(RecorderCommand::Forget(dataset)));
             }
             Command::StartRecording => self.start_recording(),
-            Command::PauseRecording => self.crew.send(Order::Recorder(RecorderCommand::Pause(!is_paused))),
+            Command::PauseRecording => {
+                self.state.record.why_paused = None;
+                self.crew.send(Order::Recorder(RecorderCommand::Pause(!is_paused)));
+            }
             // Nothing was driven, so there is nothing to keep.
             Command::KeepRecording if self.state.record.live.as_ref().is_none_or(|live| live.step == 0) => {
                 self.act_on_recording(&Command::LeaveRecording);
@@ -204,7 +215,8 @@ impl App {
         let dataset = self.state.field(Field::Dataset).into();
         self.hands.release();
         (self.state.record.is_on, self.state.record.is_ending) = (true, false);
-        self.state.record.live = None;
+        (self.state.record.live, self.state.record.why_paused) = (None, None);
+        self.state.record.is_shared = false;
         self.crew.send(Order::Recorder(RecorderCommand::Start { dataset, seed }));
     }
 
@@ -219,7 +231,10 @@ impl App {
                 self.state.review.dream = None;
                 self.start_dream(fresh_seed());
             }
-            Command::PauseDream => self.crew.send(Order::Dreamer(DreamerCommand::Pause(!is_paused))),
+            Command::PauseDream => {
+                self.state.dream.why_paused = None;
+                self.crew.send(Order::Dreamer(DreamerCommand::Pause(!is_paused)));
+            }
             Command::StepDream if is_paused => self.crew.send(Order::Dreamer(DreamerCommand::Step)),
             Command::MarkUnsafe => self.crew.send(Order::Dreamer(DreamerCommand::MarkUnsafe)),
             Command::KeepDream if !self.state.dream.is_ending => {
@@ -259,6 +274,7 @@ impl App {
         let dream = &mut self.state.dream;
         dream.begun = Some(begun);
         (dream.is_on, dream.is_ending, dream.live, dream.seed) = (true, false, None, seed);
+        (dream.is_shared, dream.why_paused) = (false, None);
         self.crew.send(Order::Dreamer(DreamerCommand::Start { start, seed, journal }));
     }
 

@@ -8,6 +8,7 @@ use crate::ui::App;
 use crate::ui::choosing::is_held_back;
 use crate::ui::command::{Command, Field};
 use crate::ui::crew::Order;
+use crate::ui::seen::Shown;
 use crate::worker::{ClipperCommand, TrainerCommand};
 
 /// Queries that are drawn before they are needed.
@@ -66,10 +67,10 @@ impl App {
     }
 
     fn answer(&mut self, response: Response) {
-        // An answer counts only for clips that were seen.
-        let Some((query, _)) = self.state.label.shown else { return };
+        let Some(query) = self.state.label.shown.map(|shown| shown.query) else { return };
         if !self.state.protocol().permits(&response)
             || self.state.current().is_none_or(|next| next.id != query)
+            || !self.is_seen()
         {
             return;
         }
@@ -119,13 +120,17 @@ impl App {
         // The next pair is on the graphics card already: it is in the very next picture of the window.
         let current = self.state.current().map(|query| query.id);
         let label = &mut self.state.label;
-        label.shown = current.filter(|id| label.pairs.contains_key(id)).map(|id| (id, self.state.now));
+        label.shown = current.filter(|id| label.pairs.contains_key(id)).map(Shown::new);
         (label.loops, label.is_standing) = (0, false);
         label.pace.begin(self.state.now);
         self.state.label.playhead = self.state.span().start;
     }
 
     fn answer_guided(&mut self, is_safe: bool) {
+        let is_asked = self.state.protocol() == Protocol::Dropj && self.state.label.guided.len() < 2;
+        if !is_asked || !self.is_seen() {
+            return;
+        }
         let guided = &mut self.state.label.guided;
         guided.push(is_safe);
         let answer = match guided[..] {
@@ -179,6 +184,9 @@ impl App {
 
     fn flag(&mut self) {
         let Some(query) = self.state.current().map(|query| query.id) else { return };
+        if self.state.label.shown.is_none_or(|shown| shown.query != query) || !self.is_seen() {
+            return;
+        }
         let is_flagged =
             self.state.session().and_then(|s| s.query(query)).is_some_and(|asked| asked.is_flagged);
         self.record(if is_flagged { Event::Unflagged { query } } else { Event::Flagged { query } });

@@ -5,6 +5,7 @@ use eframe::egui::{Context, TextureHandle};
 use crate::ui::App;
 use crate::ui::command::{Command, Panel};
 use crate::ui::crew::Order;
+use crate::ui::state::State;
 use crate::ui::widgets::clip;
 use crate::worker::{Beside, BesideView, DreamerCommand, RecorderCommand};
 
@@ -67,20 +68,43 @@ impl App {
         if !self.state.is_driving() {
             return;
         }
+        let is_dream = self.state.panel == Panel::Dream;
+        let live = if is_dream { &self.state.dream.live } else { &self.state.record.live };
+        if live.as_ref().is_some_and(|live| live.is_planned) {
+            return self.crew.send(if is_dream {
+                Order::Dreamer(DreamerCommand::HandOver(false))
+            } else {
+                Order::Recorder(RecorderCommand::HandOver(false))
+            });
+        }
         let Some(reward) = self.state.reward.parameters.clone() else {
-            return self
-                .warn("the planner needs a reward before it can drive: answer some queries".to_owned());
+            return self.warn(format!(
+                "the planner needs a reward before it can drive: {}",
+                way_to_one(&self.state)
+            ));
         };
-        if self.state.panel == Panel::Dream {
-            let is_planned = self.state.dream.live.as_ref().is_some_and(|live| live.is_planned);
+        if is_dream {
+            self.state.dream.is_shared = true;
             self.crew.send(Order::Dreamer(DreamerCommand::Reward(reward)));
-            self.crew.send(Order::Dreamer(DreamerCommand::HandOver(!is_planned)));
-        } else {
-            let is_planned = self.state.record.live.as_ref().is_some_and(|live| live.is_planned);
-            let Some(world) = &self.state.world.loaded else { return };
-            self.crew.send(Order::Recorder(RecorderCommand::Model(world.parameters.clone())));
-            self.crew.send(Order::Recorder(RecorderCommand::Reward(reward)));
-            self.crew.send(Order::Recorder(RecorderCommand::HandOver(!is_planned)));
+            return self.crew.send(Order::Dreamer(DreamerCommand::HandOver(true)));
+        }
+        let Some(world) = &self.state.world.loaded else {
+            return self.warn("the planner needs a world model before it can drive: load one".to_owned());
+        };
+        self.state.record.is_shared = true;
+        self.crew.send(Order::Recorder(RecorderCommand::Model(world.parameters.clone())));
+        self.crew.send(Order::Recorder(RecorderCommand::Reward(reward)));
+        self.crew.send(Order::Recorder(RecorderCommand::HandOver(true)));
+    }
+
+    /// Lets a planner that has the wheel know the reward that was learned meanwhile.
+    pub(super) fn teach_planner(&mut self) {
+        let Some(reward) = &self.state.reward.parameters else { return };
+        if self.state.dream.is_on && self.state.dream.is_shared {
+            self.crew.send(Order::Dreamer(DreamerCommand::Reward(reward.clone())));
+        }
+        if self.state.record.is_on && self.state.record.is_shared {
+            self.crew.send(Order::Recorder(RecorderCommand::Reward(reward.clone())));
         }
     }
 
@@ -92,6 +116,15 @@ impl App {
             clip::put(ctx, &mut record.besides.picture, &view.frame);
             record.besides.hear(view);
         }
+    }
+}
+
+/// What brings a reward, where there is none yet.
+fn way_to_one(state: &State) -> &'static str {
+    if state.protocol().is_sparse() {
+        "judge some transitions, then fit it in Reward"
+    } else {
+        "answer some queries"
     }
 }
 

@@ -122,6 +122,10 @@ impl App {
     pub(super) fn hear_dialog(&mut self, ctx: &Context) {
         let Some(chosen) = self.dialog.as_mut().and_then(Dialog::poll) else { return };
         let Some(Dialog { purpose, .. }) = self.dialog.take() else { return };
+        let chosen = match chosen {
+            Ok(chosen) => chosen,
+            Err(sentence) => return self.fail(sentence),
+        };
         for path in chosen {
             match purpose {
                 Purpose::Field(field) => drop(self.state.fields.insert(field, path.display().to_string())),

@@ -32,7 +32,7 @@ impl State {
 
     /// The query on the screen, if it is there to be answered anew.
     pub(crate) fn reconsidered(&self) -> Option<QueryId> {
-        let shown = self.label.shown.map(|(id, _)| id)?;
+        let shown = self.label.shown.map(|shown| shown.query)?;
         (self.label.revisited == Some(shown) && self.is_answered(shown)).then_some(shown)
     }
 

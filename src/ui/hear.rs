@@ -2,9 +2,10 @@
 
 use std::time::{Duration, Instant};
 
-use eframe::egui::{Context, TextureHandle};
+use eframe::egui::{Context, Event, TextureHandle};
 
 use crate::dream::DreamEpisode;
+use crate::env::controls::Pad;
 use crate::query::{QueryId, SEGMENT_LEN};
 use crate::session::{DreamJournal, DreamSource, Fit};
 use crate::tensor::Parameters;
@@ -14,9 +15,22 @@ use crate::ui::crew::Order;
 use crate::ui::input::PadEvent;
 use crate::ui::labeling::Pair;
 use crate::ui::pressing::pad_command;
+use crate::ui::seen::{Picture, Shown};
 use crate::ui::state::{Dreaming, LoadedWorld, World};
 use crate::ui::widgets::clip;
 use crate::worker::{ClipperCommand, DriverCommand, Report, ScreenerCommand, TrainerCommand};
+
+/// Whether the window has the focus.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(super) enum Focus {
+    /// It never had: it has just opened, or nothing gives a focus here, as without a window manager.
+    #[default]
+    Unknown,
+    /// It has.
+    Here,
+    /// It had.
+    Left,
+}
 
 /// How the report of a worker that has died begins.
 const PANICKED: &str = "this is a bug of ours";
@@ -39,41 +53,34 @@ impl World {
 }
 
 impl App {
+    /// Takes in what keys and pads did since the last picture.
+    ///
+    /// Without the focus nothing is heard but what is plugged in and out: hands are elsewhere.
     pub(super) fn hear_hands(&mut self, ctx: &Context) {
-        let mut commands = Vec::new();
-        let is_covered = self.state.is_covered() || ctx.text_edit_focused();
+        let is_new = self.hear_picture(ctx);
+        self.hear_focus(ctx, is_new);
+        let is_writing = ctx.text_edit_focused();
+        let mut is_touched = ctx.input(|input| !input.events.is_empty());
         for event in self.input.poll() {
-            match event {
-                PadEvent::Connected(name) => {
-                    self.note(format!("{name} is plugged in"));
-                    if !self.state.pads.contains(&name) {
-                        self.state.pads.push(name);
-                    }
-                }
-                PadEvent::Disconnected(name) => {
-                    self.hands.release();
-                    self.state.pads.retain(|pad| *pad != name);
-                    let text =
-                        format!("{name} was unplugged: everything on it is let go, and the keys still drive");
-                    self.warn(text);
-                }
-                PadEvent::Moved(pad) => self.hands.hold(pad),
-                PadEvent::Pressed(button) => match self.state.rebinding_pad {
-                    Some(deed) => commands.push(Command::BindPad(deed, button)),
-                    None if is_covered => {}
-                    None => commands.extend(pad_command(&self.state, button)),
-                },
-            }
+            is_touched |= self.hear_pad(ctx, event, is_writing);
         }
-        let is_driving = self.state.is_driving() && !is_covered;
-        if !commands.is_empty() || ctx.input(|input| !input.events.is_empty()) {
+        let is_left = self.focus == Focus::Left;
+        if is_touched && !is_left {
             self.state.label.pace.touch(self.state.now);
         }
-        let keys = &self.state.keys;
-        ctx.input(|input| {
-            self.hands.hear(&input.events, keys, input.focused, is_driving);
-            self.hands.be_careful(input.modifiers.shift);
+        let is_driving = self.state.is_driving() && !self.state.is_covered() && !is_writing && !is_left;
+        let (keys, picture) = (&self.state.keys, self.state.picture);
+        ctx.input_mut(|input| {
+            // Where nothing is drawn, the events are those of the last picture still.
+            if is_new {
+                self.hands.hear(&input.events, keys, input.focused, is_driving);
+                self.hands.be_careful(input.modifiers.shift);
+                self.state.heard = self.typing.one_by_one(&mut input.events, picture, is_writing);
+            }
         });
+        if self.typing.is_waiting() {
+            ctx.request_repaint();
+        }
         self.state.pad_held = self.hands.pad();
         if self.state.is_driving() {
             let held = self.hands.action(&self.state.controls);
@@ -81,9 +88,87 @@ impl App {
             self.state.dream.action = action;
             self.slots.action.put((action, Instant::now()));
         }
-        for command in commands {
-            self.act(ctx, command);
+    }
+
+    /// Takes note of the picture that is laid out now, and says whether there is one.
+    fn hear_picture(&mut self, ctx: &Context) -> bool {
+        let picture = Picture { nr: ctx.cumulative_frame_nr(), at: ctx.input(|input| input.time) };
+        let is_new = picture.at > self.state.picture.at;
+        self.state.now = picture.at;
+        (self.state.picture, self.state.heard) = (picture, picture);
+        is_new
+    }
+
+    /// Pauses what a hand drives where the window loses the focus, or is no longer to be seen.
+    ///
+    /// A drive by plan goes on: nobody's hands are needed there.
+    fn hear_focus(&mut self, ctx: &Context, is_new: bool) {
+        let (has_focus, had_lost) = ctx.input(|input| {
+            let is_seen = input.viewport().visible() != Some(false);
+            let lost = input.events.iter().any(|event| matches!(event, Event::WindowFocused(false)));
+            (input.raw.focused && is_seen, lost && is_new)
+        });
+        let is_leaving = had_lost || self.focus == Focus::Here && !has_focus;
+        match (has_focus, is_leaving) {
+            (true, _) => self.focus = Focus::Here,
+            (false, true) => self.focus = Focus::Left,
+            (false, false) => {}
         }
+        if is_leaving {
+            self.pause_driving(Some("Paused, for the window lost the focus"));
+        }
+    }
+
+    /// Takes in what a pad did, and says whether somebody did it.
+    fn hear_pad(&mut self, ctx: &Context, event: PadEvent, is_writing: bool) -> bool {
+        match event {
+            PadEvent::Connected(name) => {
+                self.note(format!("{name} is plugged in"));
+                if !self.state.pads.contains(&name) {
+                    self.state.pads.push(name);
+                }
+                false
+            }
+            PadEvent::Took(name) => {
+                if self.state.pad_in_use.replace(name.clone()).is_some_and(|former| former != name) {
+                    self.note(format!("{name} has the wheel now"));
+                }
+                true
+            }
+            PadEvent::Disconnected(name) => {
+                self.unplugged(&name);
+                false
+            }
+            PadEvent::Moved(pad) => {
+                self.hands.hold(pad);
+                false
+            }
+            PadEvent::Pressed(_) if self.focus == Focus::Left => false,
+            PadEvent::Pressed(button) => {
+                let command = match self.state.rebinding_pad {
+                    Some(deed) => Some(Command::BindPad(deed, button)),
+                    None if self.state.is_covered() || is_writing => None,
+                    None => pad_command(&self.state, button),
+                };
+                if let Some(command) = command {
+                    self.act(ctx, command);
+                }
+                true
+            }
+        }
+    }
+
+    fn unplugged(&mut self, name: &str) {
+        self.state.pads.retain(|pad| pad != name);
+        let other = self.state.pad_in_use.take_if(|in_use| in_use != name);
+        if let Some(other) = other {
+            self.note(format!("{name} was unplugged, and {other} has the wheel still"));
+            self.state.pad_in_use = Some(other);
+            return;
+        }
+        self.state.pad_in_use = None;
+        self.hands.hold(Pad::default());
+        self.warn(format!("{name} was unplugged: everything on it is let go, and the keys still drive"));
     }
 
     pub(super) fn hear_reports(&mut self, ctx: &Context) {
@@ -208,6 +293,7 @@ impl App {
         reward.parameters = Some(parameters.clone());
         reward.is_relearning = false;
         self.teach_reviewer();
+        self.teach_planner();
         let reward = &mut self.state.reward;
         let Some((seed, losses)) = fit else { return };
         reward.is_fitting = false;
@@ -305,8 +391,8 @@ impl App {
         let now = self.state.now;
         let label = &mut self.state.label;
         let ready = current.filter(|id| label.pairs.contains_key(id));
-        if label.shown.map(|(id, _)| id) != ready {
-            label.shown = ready.map(|id| (id, now));
+        if label.shown.map(|shown| shown.query) != ready {
+            label.shown = ready.map(Shown::new);
             (label.loops, label.is_standing) = (0, false);
             label.pace.begin(now);
             self.state.label.playhead = self.state.span().start;
@@ -314,10 +400,11 @@ impl App {
         if let Some(query) = self.state.reconsidered() {
             self.foretell(query);
         }
+        let has_focus = ctx.input(|input| input.focused) && !self.state.is_covered();
         let span = self.state.span();
         let label = &mut self.state.label;
         if ready.is_some() {
-            label.pace.pass(now, ctx.input(|input| input.focused));
+            label.pace.pass(now, has_focus);
         }
         if ready.is_some() && !label.is_standing && !label.pace.is_away(now) {
             let dt = f64::from(ctx.input(|input| input.stable_dt)).min(0.25);
@@ -345,8 +432,11 @@ impl App {
             ctx.request_repaint_after(self.pace.max(Duration::from_millis(16)));
         }
         let is_away = state.label.pace.is_away(state.now);
-        if state.panel == Panel::Label && state.label.shown.is_some() && !state.label.is_standing && !is_away
-        {
+        let shown = state.label.shown.filter(|_| state.panel == Panel::Label);
+        if shown.is_some_and(|shown| shown.is_becoming_seen(state.picture)) {
+            ctx.request_repaint_after(self.pace);
+        }
+        if shown.is_some() && !state.label.is_standing && !is_away {
             ctx.request_repaint_after(self.pace.max(Duration::from_secs_f64(0.5 / state.label.speed)));
         }
         if state.review.head.is_playing || state.shelf.head.is_playing {

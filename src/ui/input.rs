@@ -10,6 +10,7 @@ use serde::{Deserialize, Serialize};
 use crate::env::Action;
 use crate::env::controls::{ControlConfig, DrivingKey, HeldKeys, Pad, combined};
 use crate::ui::keys::Keys;
+use crate::ui::router::{PadAxis, PadRouter, PadSignal, Side};
 
 /// A button of a pad, by what it is for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
@@ -40,16 +41,18 @@ pub enum PadButton {
     Back,
 }
 
-/// What a pad did.
+/// What a pad did; no two that are plugged in have the same name.
 #[derive(Clone, Debug, PartialEq)]
 pub enum PadEvent {
     /// It was plugged in.
     Connected(String),
     /// It was unplugged, or its battery died.
     Disconnected(String),
+    /// This one drives from here on: it was pressed or moved, and no other has the wheel any more.
+    Took(String),
     /// A button went down.
     Pressed(PadButton),
-    /// The stick and both triggers are here now.
+    /// The sticks and both triggers of the one that drives are here now.
     Moved(Pad),
 }
 
@@ -72,9 +75,9 @@ impl InputSource for NoPads {
 /// The pads of this machine.
 pub struct Gilrs {
     gilrs: gilrs::Gilrs,
-    active: Option<gilrs::GamepadId>,
-    /// Pads that were there from the beginning and have not been told of.
-    untold: Vec<String>,
+    router: PadRouter,
+    /// What was there from the beginning and was not told of.
+    untold: Vec<PadEvent>,
 }
 
 impl fmt::Debug for Gilrs {
@@ -87,8 +90,11 @@ impl fmt::Debug for Gilrs {
 pub fn system_pads() -> Box<dyn InputSource> {
     match gilrs::Gilrs::new() {
         Ok(gilrs) => {
-            let untold = gilrs.gamepads().map(|(_, pad)| pad.name().to_owned()).collect();
-            Box::new(Gilrs { gilrs, active: None, untold })
+            let (mut router, mut untold) = (PadRouter::default(), Vec::new());
+            for (id, pad) in gilrs.gamepads() {
+                router.hear(id.into(), connected(&pad), &mut untold);
+            }
+            Box::new(Gilrs { gilrs, router, untold })
         }
         Err(e) => {
             log::info!("no gamepads: {e}");
@@ -97,46 +103,49 @@ pub fn system_pads() -> Box<dyn InputSource> {
     }
 }
 
+fn connected(pad: &gilrs::Gamepad<'_>) -> PadSignal {
+    let has_right_stick = pad.axis_code(gilrs::Axis::RightStickX).is_some();
+    PadSignal::Connected { name: pad.name().to_owned(), has_right_stick }
+}
+
 impl InputSource for Gilrs {
     fn poll(&mut self) -> Vec<PadEvent> {
-        let mut events: Vec<_> =
-            std::mem::take(&mut self.untold).into_iter().map(PadEvent::Connected).collect();
-        let mut has_moved = false;
+        let mut events = std::mem::take(&mut self.untold);
         while let Some(gilrs::Event { id, event, .. }) = self.gilrs.next_event() {
-            let name = || self.gilrs.gamepad(id).name().to_owned();
-            match event {
-                gilrs::EventType::Connected => events.push(PadEvent::Connected(name())),
-                gilrs::EventType::Disconnected => {
-                    if self.active == Some(id) {
-                        self.active = None;
-                    }
-                    events.push(PadEvent::Disconnected(name()));
+            let signal = match event {
+                gilrs::EventType::Connected => Some(connected(&self.gilrs.gamepad(id))),
+                gilrs::EventType::Disconnected => Some(PadSignal::Disconnected),
+                gilrs::EventType::ButtonPressed(button, _) => pad_button(button).map(PadSignal::Down),
+                gilrs::EventType::AxisChanged(axis, value, _) => {
+                    pad_axis(axis).map(|axis| PadSignal::Axis(axis, value))
                 }
-                gilrs::EventType::ButtonPressed(button, _) => {
-                    self.active = Some(id);
-                    events.extend(pad_button(button).map(PadEvent::Pressed));
+                gilrs::EventType::ButtonChanged(gilrs::Button::LeftTrigger2, value, _) => {
+                    Some(PadSignal::Trigger(Side::Left, value))
                 }
-                gilrs::EventType::AxisChanged(..) | gilrs::EventType::ButtonChanged(..) => {
-                    self.active = Some(id);
-                    has_moved = true;
+                gilrs::EventType::ButtonChanged(gilrs::Button::RightTrigger2, value, _) => {
+                    Some(PadSignal::Trigger(Side::Right, value))
                 }
-                _ => {}
+                _ => None,
+            };
+            if let Some(signal) = signal {
+                self.router.hear(id.into(), signal, &mut events);
             }
         }
-        if let Some(id) = self.active.filter(|_| has_moved) {
-            let pad = self.gilrs.gamepad(id);
-            let trigger = |button| pad.button_data(button).map_or(0.0, gilrs::ev::state::ButtonData::value);
-            events.push(PadEvent::Moved(Pad {
-                stick: pad.value(gilrs::Axis::LeftStickX),
-                right_trigger: trigger(gilrs::Button::RightTrigger2),
-                left_trigger: trigger(gilrs::Button::LeftTrigger2),
-                left_y: pad.value(gilrs::Axis::LeftStickY),
-                right_x: pad.value(gilrs::Axis::RightStickX),
-                right_y: pad.value(gilrs::Axis::RightStickY),
-            }));
-        }
+        self.router.tell(&mut events);
         events
     }
+}
+
+fn pad_axis(axis: gilrs::Axis) -> Option<PadAxis> {
+    Some(match axis {
+        gilrs::Axis::LeftStickX => PadAxis::LeftX,
+        gilrs::Axis::LeftStickY => PadAxis::LeftY,
+        gilrs::Axis::RightStickX => PadAxis::RightX,
+        gilrs::Axis::RightStickY => PadAxis::RightY,
+        gilrs::Axis::LeftZ => PadAxis::LeftZ,
+        gilrs::Axis::RightZ => PadAxis::RightZ,
+        _ => return None,
+    })
 }
 
 fn pad_button(button: gilrs::Button) -> Option<PadButton> {

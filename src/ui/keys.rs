@@ -164,7 +164,45 @@ impl Default for Keys {
     }
 }
 
+impl From<Keys> for BTreeMap<Deed, Vec<Key>> {
+    fn from(keys: Keys) -> Self {
+        keys.0
+    }
+}
+
 impl Keys {
+    /// The first keys but for those of `own`, as far as these can be had; of the others, why not.
+    pub(crate) fn with(own: BTreeMap<Deed, Vec<Key>>) -> (Self, Vec<(Deed, String)>) {
+        let (mut keys, mut refused) = (Self::default(), Vec::new());
+        for (deed, wanted) in own {
+            let n = deed.says().1.len();
+            if wanted.len() == n {
+                keys.0.insert(deed, wanted);
+            } else {
+                refused.push((deed, format!("{} keys where it has {n}", wanted.len())));
+            }
+        }
+        while let Some((deed, what)) = keys.conflict() {
+            refused.push((deed, what));
+            keys.0.insert(deed, deed.says().1.to_vec());
+        }
+        (keys, refused)
+    }
+
+    /// A deed with keys of its own, one of which it cannot have, and why: the last one, for the first may stay.
+    fn conflict(&self) -> Option<(Deed, String)> {
+        let is_own = |deed: &Deed| self.all(*deed) != deed.says().1;
+        let slots = |deed: Deed| (0..self.all(deed).len()).map(move |idx| (deed, idx));
+        Deed::ALL.into_iter().rev().filter(is_own).flat_map(slots).find_map(|slot| {
+            let key = self.all(slot.0)[slot.1];
+            let whose = match self.taken(slot, key)? {
+                Taken::By((other, _)) => other.name(),
+                Taken::Fixed(what) => what,
+            };
+            Some((slot.0, format!("{} is the key of “{whose}”", key.name())))
+        })
+    }
+
     /// All keys of `deed`.
     pub(crate) fn all(&self, deed: Deed) -> &[Key] {
         self.0.get(&deed).filter(|keys| !keys.is_empty()).map_or(deed.says().1, Vec::as_slice)

@@ -11,6 +11,7 @@ use crate::session::{Annotators, Session};
 use crate::ui::choosing::{Asking, Weighing, is_held_back};
 use crate::ui::foretelling::Foretelling;
 use crate::ui::pace::{Budget, Pace};
+use crate::ui::seen::Shown;
 use crate::ui::state::State;
 use crate::ui::trajectories::Making;
 use crate::ui::widgets::clip::Clip;
@@ -27,8 +28,10 @@ pub(crate) struct Labeling {
     pub unreadable: Vec<DreamId>,
     /// The query that is answered again, before the others.
     pub revisited: Option<QueryId>,
-    /// The query that is on the screen, and since when.
-    pub shown: Option<(QueryId, f64)>,
+    /// The query that is on the screen.
+    pub shown: Option<Shown>,
+    /// The query whose answer came before it could be seen, so that it was not taken.
+    pub early: Option<QueryId>,
     /// Clips that are ready, by query.
     pub pairs: BTreeMap<QueryId, Pair>,
     /// Queries whose clips have been asked for.
@@ -91,6 +94,7 @@ impl Default for Labeling {
             unreadable: Vec::new(),
             revisited: None,
             shown: None,
+            early: None,
             pairs: BTreeMap::new(),
             asked: Vec::new(),
             thumbnails: BTreeMap::new(),
@@ -146,7 +150,7 @@ impl State {
         let pending = pending.filter(|query| Some(query.id) != self.label.revisited).filter(is_shown);
         let mut pending: Vec<_> = pending.collect();
         // What is on the screen stays there, and transitions come in their order.
-        let shown = self.label.shown.map(|(id, _)| id);
+        let shown = self.label.shown.map(|shown| shown.query);
         pending.sort_by_key(|query| !is_sparse && Some(query.id) != shown && is_held_back(self, query));
         revisited.into_iter().chain(pending).collect()
     }
@@ -164,7 +168,7 @@ impl State {
 
     /// The transition that is on the screen, and the frame of its outcome.
     pub(crate) fn shown_transition(&self) -> Option<(Transition, usize)> {
-        let asked = self.session()?.query(self.label.shown?.0)?;
+        let asked = self.session()?.query(self.label.shown?.query)?;
         let transition = asked.transition?;
         Some((transition, transition.outcome_in(asked.query.left.start)))
     }

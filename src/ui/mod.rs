@@ -11,6 +11,7 @@ mod command;
 mod crew;
 mod dialog;
 mod elsewhere;
+mod display;
 mod errands;
 mod foretelling;
 mod hear;
@@ -27,6 +28,8 @@ mod pressing;
 mod recent;
 mod rebind;
 mod review;
+mod router;
+mod seen;
 mod sessions;
 mod shelf;
 mod state;
@@ -35,6 +38,7 @@ mod toasts;
 mod tokens;
 mod trajectories;
 mod widgets;
+mod written;
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -57,14 +61,17 @@ pub use elsewhere::Elsewhere;
 pub use input::{Gilrs, InputSource, NoPads, PadButton, PadEvent, system_pads};
 pub use keys::{Deed, Keys};
 pub use pace::Budget;
+pub use preferences::{Preferences, Problem, is_settings_file, settings_file};
 pub use state::{DreamStart, LoadedWorld};
 
 use dialog::Dialog;
 use errands::Errand;
+use hear::Focus;
 use input::Hands;
 use opening::{Opening, Reading};
-use preferences::Preferences;
+use preferences::Leftover;
 use recent::Looking;
+use seen::{Picture, Typing};
 use state::{State, World};
 
 /// Makes a world model out of a file, or says in a sentence why it cannot.
@@ -109,6 +116,11 @@ pub struct App {
     inbox: Receiver<Report>,
     input: Box<dyn InputSource>,
     hands: Hands,
+    /// Keys that were struck faster than the window draws.
+    typing: Typing,
+    focus: Focus,
+    /// What was in the way when settings were read.
+    leftover: Leftover,
     load: Load,
     /// A world model that is being read.
     loading: Option<Job<Result<LoadedWorld, String>>>,
@@ -133,19 +145,49 @@ pub struct App {
     pace: Duration,
 }
 
-/// Opens the window and stays until it is closed; what prevents that is one sentence.
-pub fn run(startup: Startup) -> Result<(), String> {
+/// The name under which the system knows the program, and keeps its settings.
+const NAME: &str = "dropj";
+
+/// What an event loop is made by.
+type EventLoop = eframe::EventLoopBuilder<eframe::UserEvent>;
+
+/// Opens the window, says these `notices` in it, and stays until it is closed; what prevents that is one sentence.
+pub fn run(startup: Startup, notices: Vec<String>) -> Result<(), String> {
+    let is_x11_forced = display::force_x11().map_err(|met| no_window(&met))?;
     let viewport = ViewportBuilder::default()
-        .with_title("dropj")
-        .with_app_id("dropj")
+        .with_title(NAME)
+        .with_app_id(NAME)
         .with_inner_size([1280.0, 820.0])
         .with_min_inner_size([880.0, 600.0]);
-    let options = eframe::NativeOptions { viewport, ..eframe::NativeOptions::default() };
+    let mut options = eframe::NativeOptions { viewport, ..eframe::NativeOptions::default() };
+    if is_x11_forced {
+        options.event_loop_builder = Some(Box::new(open_on_x11));
+    }
     let create =
         |cc: &CreationContext<'_>| -> Result<Box<dyn eframe::App>, Box<dyn std::error::Error + Send + Sync>> {
-            Ok(Box::new(App::new(cc, startup)))
+            let mut app = App::new(cc, startup);
+            for notice in notices {
+                app.fail(notice);
+            }
+            Ok(Box::new(app))
         };
-    eframe::run_native("dropj", options, Box::new(create)).map_err(|e| sentence(&e))
+    eframe::run_native(NAME, options, Box::new(create)).map_err(|e| sentence(&e))
+}
+
+#[cfg(target_os = "linux")]
+fn open_on_x11(builder: &mut EventLoop) {
+    use winit::platform::x11::EventLoopBuilderExtX11 as _;
+    builder.with_x11();
+}
+
+#[cfg(not(target_os = "linux"))]
+fn open_on_x11(_: &mut EventLoop) {}
+
+/// What to tell somebody who has no window, and why.
+fn no_window(why: &str) -> String {
+    format!(
+        "cannot open a window, for {why}; all but the window works from the command line: see `dropj --help`"
+    )
 }
 
 /// What to tell somebody whose window did not open.
@@ -153,14 +195,16 @@ fn sentence(error: &eframe::Error) -> String {
     log::info!("no window: {error}");
     let why = match error {
         eframe::Error::Winit(_) | eframe::Error::WinitEventLoop(_) => {
-            "cannot open a window, for no display answers (is DISPLAY or WAYLAND_DISPLAY set?)".to_owned()
+            "no display answers (is DISPLAY or WAYLAND_DISPLAY set?)".to_owned()
         }
-        eframe::Error::Wgpu(_) => "cannot draw a window, for there is neither a graphics card nor a software \
-                                   renderer (on Debian and Ubuntu `apt install mesa-vulkan-drivers` brings one)"
-            .to_owned(),
-        eframe::Error::AppCreation(_) => format!("cannot open the window ({error})"),
+        eframe::Error::Wgpu(_) => {
+            "there is neither a graphics card nor a software renderer to draw it (on Debian \
+                                   and Ubuntu `apt install mesa-vulkan-drivers` brings one)"
+                .to_owned()
+        }
+        eframe::Error::AppCreation(_) => error.to_string(),
     };
-    format!("{why}; all but the window works from the command line: see `dropj --help`")
+    no_window(&why)
 }
 
 impl App {
@@ -186,6 +230,9 @@ impl App {
             inbox,
             input: startup.input,
             hands: Hands::default(),
+            typing: Typing::default(),
+            focus: Focus::default(),
+            leftover: Leftover::default(),
             load: startup.load,
             loading: None,
             opening: None,
@@ -200,7 +247,7 @@ impl App {
             next_toast: 0,
             pace,
         };
-        Preferences::load(cc.storage).apply(ctx, &mut app.state);
+        app.load_preferences(ctx, cc.storage);
         app.begin(ctx, startup.dataset, startup.world, startup.session);
         app
     }
@@ -241,7 +288,14 @@ impl App {
 
     /// The query whose clips are on the screen: for tests and benches.
     pub fn shown(&self) -> Option<QueryId> {
-        self.state.label.shown.map(|(query, _)| query)
+        self.state.label.shown.map(|shown| shown.query)
+    }
+
+    /// Whether they were there for long enough that an answer is taken: for tests and benches.
+    pub fn is_answerable(&self) -> bool {
+        let State { picture, label, .. } = &self.state;
+        let next = Picture { nr: picture.nr + 1, at: picture.at };
+        label.shown.is_some_and(|shown| shown.is_seen(next))
     }
 
     /// How many of the queries that come next are ready to be shown, one after the other: for tests and benches.
@@ -269,7 +323,6 @@ fn adapter(cc: &CreationContext<'_>) -> (String, bool) {
 
 impl eframe::App for App {
     fn logic(&mut self, ctx: &Context, _frame: &mut eframe::Frame) {
-        self.state.now = ctx.input(|input| input.time);
         self.hear_hands(ctx);
         self.hear_reports(ctx);
         self.hear_slots(ctx);
@@ -293,6 +346,7 @@ impl eframe::App for App {
         input::set_live(ui.ctx(), !self.state.is_covered());
         let mut commands = Vec::new();
         panels::window_ui(ui, &self.state, &mut commands);
+        self.note_drawn();
         if !commands.is_empty() {
             // What they change is seen in the next picture only.
             ui.ctx().request_repaint();
@@ -303,7 +357,7 @@ impl eframe::App for App {
     }
 
     fn save(&mut self, storage: &mut dyn eframe::Storage) {
-        Preferences::of(&self.state).save(storage);
+        self.save_preferences(storage);
     }
 
     fn on_exit(&mut self) {

@@ -47,6 +47,33 @@ const DEEDS: [(Deed, Place, PadButton); 17] = [
 pub(crate) struct Pads(BTreeMap<Deed, PadButton>);
 
 impl Pads {
+    /// The first buttons but for those of `own`, as far as these can be had; of the others, why not.
+    pub(crate) fn with(own: BTreeMap<Deed, PadButton>) -> (Self, Vec<(Deed, String)>) {
+        let (mut pads, mut refused) = (Self::default(), Vec::new());
+        for (deed, button) in own {
+            if DEEDS.into_iter().any(|(known, ..)| known == deed) {
+                pads.0.insert(deed, button);
+            } else {
+                refused.push((deed, "a pad does nothing of that kind".to_owned()));
+            }
+        }
+        while let Some((deed, other)) = pads.conflict() {
+            refused.push((deed, format!("it has the button of “{}”", other.name())));
+            pads.0.remove(&deed);
+        }
+        (pads, refused)
+    }
+
+    /// A deed with a button of its own that another deed has there, and that other: the last one, for the first may stay.
+    fn conflict(&self) -> Option<(Deed, Deed)> {
+        let own: Vec<_> = self.all().filter(|(deed, ..)| self.0.contains_key(deed)).collect();
+        own.into_iter().rev().find_map(|(deed, place, button)| {
+            let mut others = self.all().filter(|(other, ..)| *other != deed);
+            let other = others.find(|(_, of, theirs)| (*of, *theirs) == (place, button))?;
+            Some((deed, other.0))
+        })
+    }
+
     /// What can be done, in the order of the work, each with its place and its button.
     pub(crate) fn all(&self) -> impl Iterator<Item = (Deed, Place, PadButton)> + '_ {
         let own = |deed, first| self.0.get(&deed).copied().unwrap_or(first);

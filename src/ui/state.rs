@@ -22,6 +22,7 @@ use crate::ui::opening::BeingOpened;
 use crate::ui::pads::Pads;
 use crate::ui::recent::RecentSessions;
 use crate::ui::review::Reviewing;
+use crate::ui::seen::Picture;
 use crate::ui::shelf::Shelving;
 use crate::worker::{DriveView, Learning, LiveView};
 use crate::world_model::LatentState;
@@ -60,6 +61,10 @@ pub(crate) struct State {
     pub(crate) env: String,
     /// Seconds since the window opened.
     pub now: f64,
+    /// The picture of the window that is being laid out.
+    pub picture: Picture,
+    /// The picture with which the key came that is heard now.
+    pub heard: Picture,
     /// What is shown.
     pub panel: Panel,
     /// What is typed.
@@ -99,6 +104,8 @@ pub(crate) struct State {
     pub adapter: String,
     /// The pads that are plugged in.
     pub pads: Vec<String>,
+    /// The one of them that drives.
+    pub pad_in_use: Option<String>,
     pub toasts: Vec<Toast>,
     pub world: World,
     pub record: Recording,
@@ -203,6 +210,7 @@ impl FitState {
 }
 
 /// Driving the real car.
+#[expect(clippy::struct_excessive_bools, reason = "each is true or not whatever the others are")]
 #[derive(Default)]
 pub(crate) struct Recording {
     pub is_on: bool,
@@ -210,8 +218,12 @@ pub(crate) struct Recording {
     pub is_ending: bool,
     /// Whether it stands because it cannot be written.
     pub is_held: bool,
+    /// Whether the planner was given the wheel since it began.
+    pub is_shared: bool,
     pub live: Option<LiveView>,
     pub picture: Option<TextureHandle>,
+    /// Why it was paused, where nobody asked for that.
+    pub why_paused: Option<&'static str>,
     /// How many episodes were kept since the window opened.
     pub n_kept: usize,
     /// The dream beside.
@@ -224,6 +236,8 @@ pub(crate) struct Dreaming {
     pub is_on: bool,
     /// Whether the dream has been asked to end and its episode is awaited.
     pub is_ending: bool,
+    /// Whether the planner was given the wheel since it began.
+    pub is_shared: bool,
     pub start_idx: usize,
     pub live: Option<LiveView>,
     pub picture: Option<TextureHandle>,
@@ -236,6 +250,8 @@ pub(crate) struct Dreaming {
     pub unsaved: Vec<(DreamEpisode, Option<DreamJournal>)>,
     /// What the hands do now.
     pub action: Action,
+    /// Why it was paused, where nobody asked for that.
+    pub why_paused: Option<&'static str>,
 }
 
 /// Learning the reward.

@@ -3,7 +3,7 @@
 use crate::dream::TEMPERATURE;
 use crate::env::{Action, Frame};
 use crate::planner::{Agent, PlannerConfig};
-use crate::reward::{FrozenReward, RewardEnsemble};
+use crate::reward::LearnedReward;
 use crate::tensor::Parameters;
 use crate::worker::{Beside, BesideView};
 use crate::world_model::{Next, State, WorldModel, actions_tensor};
@@ -12,7 +12,7 @@ use crate::world_model::{Next, State, WorldModel, actions_tensor};
 pub(super) struct Companion {
     planner: PlannerConfig,
     model: Option<WorldModel>,
-    reward: Option<FrozenReward>,
+    reward: Option<LearnedReward>,
     agent: Option<Agent>,
     beside: Option<Beside>,
     dream: Option<Shadow>,
@@ -48,19 +48,33 @@ impl Companion {
         Ok(())
     }
 
-    /// Plans with this reward from now on.
+    /// Plans by this reward from the next plan on; by none where it cannot be used, rather than by one that is not meant.
     pub(super) fn like(&mut self, reward: &Parameters) -> Result<(), String> {
         let Some(model) = &self.model else { return Ok(()) };
-        let ensemble = RewardEnsemble::load(reward).map_err(|e| e.to_string())?;
-        ensemble.require(&model.hash()).map_err(|e| e.to_string())?;
-        self.reward = Some(ensemble.frozen());
+        match LearnedReward::load(reward, &model.hash()) {
+            Ok(reward) => self.reward = Some(reward),
+            Err(e) => {
+                (self.reward, self.agent) = (None, None);
+                return Err(format!("the planner cannot drive by this reward: {e}"));
+            }
+        }
+        if let (Some(config), Some(agent)) = (self.plans(), &mut self.agent) {
+            agent.plan_by(config);
+        }
         Ok(())
+    }
+
+    /// How the planner looks ahead by the reward that there is.
+    fn plans(&self) -> Option<PlannerConfig> {
+        let is_sparse = self.reward.as_ref()?.is_sparse();
+        let config = self.planner.clone();
+        Some(if is_sparse { config.for_transitions() } else { config })
     }
 
     /// Gives the wheel to the planner, where there is one, or takes it away.
     pub(super) fn hand_over(&mut self, is_over: bool, seed: u64) {
-        let can_plan = self.model.is_some() && self.reward.is_some();
-        self.agent = (is_over && can_plan).then(|| Agent::new(self.planner.clone(), seed));
+        let config = self.plans().filter(|_| is_over && self.model.is_some());
+        self.agent = config.map(|config| Agent::new(config, seed));
     }
 
     /// Whether the planner drives.
@@ -132,7 +146,7 @@ mod tests {
     use rand_chacha::ChaCha8Rng;
 
     use super::*;
-    use crate::reward::RewardConfig;
+    use crate::reward::{RewardConfig, RewardEnsemble, SparseConfig, SparseReward};
     use crate::worker::toy;
 
     fn gray(shade: u8) -> Frame {
@@ -190,6 +204,24 @@ mod tests {
         assert!(action.is_some_and(|action| action.gas > 0.0), "{action:?}");
         assert_eq!(companion.act(Action::new(0.5, 0.0, 0.0), &gray(3)), None);
         assert_eq!(companion.act(Action::default(), &gray(3)), None, "until it is handed over again");
+    }
+
+    #[test]
+    fn a_reward_of_verdicts_drives_the_real_car_too_and_one_of_another_world_does_not() {
+        let mut companion = companion();
+        let verdicts = |world: &str| {
+            let rng = &mut ChaCha8Rng::seed_from_u64(0);
+            SparseReward::new(36, world, SparseConfig::tiny(), rng)
+        };
+        let reward = verdicts(&toy::model().hash());
+        companion.like(&reward.parameters()).unwrap();
+        companion.hand_over(true, 3);
+        let config = PlannerConfig::car_racing().for_transitions();
+        let by_hand = Agent::new(config, 3).act(&toy::model(), &reward.frozen(), &gray(3)).0;
+        assert_eq!(companion.act(Action::default(), &gray(3)), Some(by_hand));
+        let refused = companion.like(&verdicts("sha256:0").parameters()).unwrap_err();
+        assert!(refused.contains("the planner cannot drive by this reward"), "{refused}");
+        assert!(!companion.is_driving(), "nor does it drive by the one before");
     }
 
     #[test]

@@ -9,7 +9,7 @@ use rand_chacha::ChaCha8Rng;
 use crate::dream::Dream;
 use crate::env::{Action, MAX_STEPS};
 use crate::planner::{CoDriver, PlannerConfig};
-use crate::reward::{FrozenReward, RewardEnsemble};
+use crate::reward::LearnedReward;
 use crate::session::DreamJournal;
 use crate::tensor::Parameters;
 use crate::worker::clock::{Allowance, Beat, Clock, Rate, held};
@@ -68,7 +68,7 @@ struct Dreamer<'a> {
     model: WorldModel,
     planner: PlannerConfig,
     /// What the planner likes, once something is learned.
-    reward: Option<FrozenReward>,
+    reward: Option<LearnedReward>,
     reports: &'a Reports,
     action: &'a LiveAction,
     view: &'a Latest<LiveView>,
@@ -127,21 +127,12 @@ impl Dreamer<'_> {
                     live.note(self.reports);
                 }
             }
-            DreamerCommand::Reward(parameters) => {
-                let reward = RewardEnsemble::load(&parameters).and_then(|reward| {
-                    reward.require(&self.model.hash())?;
-                    Ok(reward.frozen())
-                });
-                match reward {
-                    Ok(reward) => self.reward = Some(reward),
-                    Err(e) => self.reports.fail(NAME, e),
-                }
-            }
+            DreamerCommand::Reward(parameters) => self.like(&parameters),
             DreamerCommand::HandOver(is_over) => {
-                let (planner, can_plan) = (&self.planner, self.reward.is_some());
+                let config = self.plans().filter(|_| is_over);
                 if let Some(live) = &mut self.live {
                     let seed = live.dream.episode().seed;
-                    live.co_driver = (is_over && can_plan).then(|| CoDriver::new(planner.clone(), seed));
+                    live.co_driver = config.map(|config| CoDriver::new(config, seed));
                 }
                 self.show(Duration::MAX);
             }
@@ -170,6 +161,31 @@ impl Dreamer<'_> {
             }
             DreamerCommand::Pause(_) | DreamerCommand::Step => {}
         }
+    }
+
+    /// Plans by this reward from the next plan on; by none where it cannot be used, rather than by one that is not meant.
+    fn like(&mut self, reward: &Parameters) {
+        self.reward = match LearnedReward::load(reward, &self.model.hash()) {
+            Ok(reward) => Some(reward),
+            Err(e) => {
+                self.reports.fail(NAME, format!("the planner cannot drive by this reward: {e}"));
+                None
+            }
+        };
+        let config = self.plans();
+        let Some(live) = &mut self.live else { return };
+        match (config, &mut live.co_driver) {
+            (Some(config), Some(co_driver)) => co_driver.plan_by(config),
+            (None, co_driver) => *co_driver = None,
+            (Some(_), None) => {}
+        }
+    }
+
+    /// How the planner looks ahead by the reward that there is.
+    fn plans(&self) -> Option<PlannerConfig> {
+        let is_sparse = self.reward.as_ref()?.is_sparse();
+        let config = self.planner.clone();
+        Some(if is_sparse { config.for_transitions() } else { config })
     }
 
     fn start(&mut self, start: &LatentState, seed: u64, journal: Option<DreamJournal>) {
@@ -247,8 +263,9 @@ mod tests {
     use std::sync::mpsc::channel;
 
     use super::*;
-    use crate::reward::RewardConfig;
+    use crate::reward::{RewardConfig, RewardEnsemble, SparseConfig, SparseReward};
     use crate::worker::toy;
+    use crate::world_model::State;
 
     /// What comes of `commands`, all of them heard before the first step is due.
     fn reports_of(commands: impl IntoIterator<Item = DreamerCommand>, action: &LiveAction) -> Vec<Report> {
@@ -309,6 +326,73 @@ mod tests {
         let reports = reports_of(begin().into_iter().chain(rest), &hands);
         let [Report::Dreamt { episode, .. }] = &reports[..] else { panic!("{reports:?}") };
         assert_eq!(episode.n_planned(), 0, "hands are stronger");
+    }
+
+    /// A classifier of transitions that has learned nothing.
+    fn verdicts(seed: u64, world: &str) -> SparseReward {
+        SparseReward::new(36, world, SparseConfig::tiny(), &mut ChaCha8Rng::seed_from_u64(seed))
+    }
+
+    #[test]
+    fn a_reward_of_verdicts_drives_a_dream_and_looks_further_ahead() {
+        let sparse = verdicts(1, &toy::model().hash());
+        let short = PlannerConfig::obstacle_car_racing();
+        let (sender, heard) = channel();
+        for command in [
+            DreamerCommand::Reward(sparse.parameters()),
+            start(5),
+            DreamerCommand::Pause(true),
+            DreamerCommand::HandOver(true),
+            DreamerCommand::Step,
+            DreamerCommand::Finish,
+        ] {
+            sender.send(command).unwrap();
+        }
+        drop(sender);
+        let (reports, inbox) = Reports::new(|| ());
+        let parameters = toy::model().parameters().clone();
+        dream(&heard, &reports, parameters, short.clone(), &Latest::default(), &Latest::default()).unwrap();
+        drop(reports);
+        let reports: Vec<_> = inbox.into_iter().collect();
+        let [Report::Dreamt { episode, .. }] = &reports[..] else { panic!("{reports:?}") };
+        let state = State::from(&toy::start());
+        let by_hand = CoDriver::new(short.for_transitions(), 5).act(&toy::model(), &sparse.frozen(), &state);
+        assert_eq!((episode.n_planned(), episode.actions[0]), (1, by_hand));
+    }
+
+    #[test]
+    fn a_reward_that_is_learned_meanwhile_is_planned_by_from_the_next_plan_on() {
+        let rewards = [1, 2].map(|seed| verdicts(seed, &toy::model().hash()));
+        let learned = |i: usize| DreamerCommand::Reward(rewards[i].parameters());
+        let begin = [learned(0), start(5), DreamerCommand::Pause(true), DreamerCommand::HandOver(true)];
+        let step = || DreamerCommand::Step;
+        let rest = [step(), step(), learned(1), step(), step(), step(), DreamerCommand::Finish];
+        let reports = reports_of(begin.into_iter().chain(rest), &Latest::default());
+        let [Report::Dreamt { episode, .. }] = &reports[..] else { panic!("{reports:?}") };
+
+        let (model, rng) = (toy::model(), &mut ChaCha8Rng::seed_from_u64(5));
+        let (mut by_hand, mut driver) =
+            (Dream::new(&toy::start(), 5), CoDriver::new(PlannerConfig::car_racing().for_transitions(), 5));
+        for t in 0..5 {
+            let reward = &rewards[usize::from(t >= 4)].frozen();
+            let action = driver.act(&model, reward, by_hand.state());
+            by_hand.step_planned(&model, action, rng);
+        }
+        assert_eq!((episode.n_planned(), &episode.actions), (5, &by_hand.episode().actions));
+    }
+
+    #[test]
+    fn a_reward_that_cannot_be_used_takes_the_wheel_away_and_says_why() {
+        let step = || DreamerCommand::Step;
+        let other = DreamerCommand::Reward(verdicts(1, "sha256:0").parameters());
+        let begin = [reward(), start(5), DreamerCommand::Pause(true), DreamerCommand::HandOver(true), step()];
+        let rest = [other, step(), DreamerCommand::HandOver(true), step(), DreamerCommand::Finish];
+        let reports = reports_of(begin.into_iter().chain(rest), &Latest::default());
+        let [Report::Failed { message, .. }, Report::Dreamt { episode, .. }] = &reports[..] else {
+            panic!("{reports:?}")
+        };
+        assert!(message.contains("the planner cannot drive by this reward"), "{message}");
+        assert_eq!((episode.len(), episode.n_planned()), (3, 1));
     }
 
     #[test]

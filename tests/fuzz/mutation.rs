@@ -1,7 +1,6 @@
 //! What is done to a file.
 
 use proptest::prelude::*;
-use sha2::{Digest as _, Sha256};
 
 /// What is put where a number or anything else stood.
 const TOKENS: [&[u8]; 34] = [
@@ -151,7 +150,7 @@ fn number_behind(bytes: &[u8], at: usize) -> Option<std::ops::Range<usize>> {
 }
 
 /// Makes the first eight bytes of safetensors the length of the header that is there.
-pub(crate) fn mend_safetensors(bytes: &mut Vec<u8>) {
+pub(crate) fn mend_safetensors(bytes: &mut [u8]) {
     if bytes.len() < 9 {
         return;
     }
@@ -174,7 +173,7 @@ pub(crate) fn mend_safetensors(bytes: &mut Vec<u8>) {
 }
 
 /// Makes the checksum in the footer of an episode's table the one of the bytes before it.
-pub(crate) fn mend_parquet(bytes: &mut Vec<u8>) {
+pub(crate) fn mend_parquet(bytes: &mut [u8]) {
     let key = b"dropj.sha256";
     let Some(at) = bytes.windows(key.len()).rposition(|window| window == key) else { return };
     // What follows the key: type and length of the text, the number of bytes, a space, 64 digits.
@@ -185,6 +184,6 @@ pub(crate) fn mend_parquet(bytes: &mut Vec<u8>) {
     let n =
         std::str::from_utf8(&bytes[space - digits..space]).ok().and_then(|text| text.parse::<usize>().ok());
     let Some(n) = n.filter(|n| *n <= bytes.len() && bytes.len() >= space + 65) else { return };
-    let hash: String = Sha256::digest(&bytes[..n]).iter().map(|byte| format!("{byte:02x}")).collect();
-    bytes[space + 1..space + 65].copy_from_slice(hash.as_bytes());
+    let hash = dropj::tensor::sha256(&bytes[..n]);
+    bytes[space + 1..space + 65].copy_from_slice(hash.trim_start_matches("sha256:").as_bytes());
 }

@@ -345,3 +345,49 @@ fn nothing_held_outlasts_the_focus() {
     harness.run_steps(2);
     assert_eq!(backstage.action().gas, 1.0, "until it is pressed again");
 }
+
+#[test]
+fn a_reward_that_is_learned_while_the_planner_drives_reaches_it() {
+    let dir = tempfile::tempdir().unwrap();
+    let (mut harness, backstage) = dreaming(dir.path());
+    let learned = |seed: u64, n_labels| {
+        backstage.report(Report::Learned { parameters: toy(seed).parameters, n_labels, fit: None });
+    };
+    let taught = |harness: &mut Harness<'_, App>| {
+        harness.run_steps(2);
+        let to_dreamer = |order: &Order| matches!(order, Order::Dreamer(DreamerCommand::Reward(_)));
+        backstage.orders().iter().filter(|order| to_dreamer(order)).count()
+    };
+    learned(0, 12);
+    assert_eq!(taught(&mut harness), 0, "a hand drives");
+    press(&mut harness, Key::M);
+    assert_eq!(taught(&mut harness), 1);
+    learned(1, 13);
+    assert_eq!(taught(&mut harness), 1);
+    press(&mut harness, Key::R);
+    learned(2, 14);
+    assert_eq!(taught(&mut harness), 0, "another dream begins with a hand at the wheel");
+}
+
+#[test]
+fn the_wheel_can_be_taken_back_whatever_became_of_the_reward() {
+    let dir = tempfile::tempdir().unwrap();
+    let (mut harness, backstage) = dreaming(dir.path());
+    backstage.slots.dream.put(LiveView { is_planned: true, ..view(3) });
+    harness.run_steps(2);
+    backstage.orders();
+    press(&mut harness, Key::M);
+    assert!(matches!(backstage.orders()[..], [Order::Dreamer(DreamerCommand::HandOver(false))]));
+}
+
+#[test]
+fn where_no_verdict_was_learned_from_the_planner_says_what_it_needs() {
+    let dir = tempfile::tempdir().unwrap();
+    let store = session(dir.path(), Protocol::Dros);
+    let (mut harness, backstage) = window(dir.path(), Some(store), vec2(1280.0, 800.0), false);
+    press(&mut harness, Key::Enter);
+    backstage.slots.dream.put(view(3));
+    harness.run_steps(2);
+    press(&mut harness, Key::M);
+    harness.get_by_label_contains("judge some transitions, then fit it in Reward");
+}

@@ -122,3 +122,64 @@ fn keys_and_theme_outlast_the_window() {
     let (harness, _) = window_with(dir.path(), None, size, false, Some(Box::leak(Box::new(torn))));
     assert_eq!(harness.state().keys(), &Keys::default(), "what cannot be read is as at first");
 }
+
+/// A window of somebody whose settings are these, and what it keeps of them.
+fn with_settings(dir: &Path, text: &str) -> (Harness<'static, App>, Memory) {
+    let memory = Memory([("preferences".to_owned(), text.to_owned())].into());
+    let mut kept = Memory(memory.0.clone());
+    let size = vec2(1280.0, 800.0);
+    let (mut harness, _) = window_with(dir, None, size, false, Some(Box::leak(Box::new(memory))));
+    harness.state_mut().save(&mut kept);
+    (harness, kept)
+}
+
+#[test]
+fn a_setting_that_cannot_be_used_takes_no_other_along_and_is_kept() {
+    let dir = tempfile::tempdir().unwrap();
+    let text = "(theme:Light,keys:{Keep:[K],Fly:[F],Redo:[Kay]},clip_speed:NaN,annotator:\"anna\")";
+    let (harness, kept) = with_settings(dir.path(), text);
+    harness.get_by_label("Light");
+    assert_eq!(
+        (harness.state().keys().of(Deed::Keep), harness.state().keys().of(Deed::Redo)),
+        (Key::K, Key::R)
+    );
+    let said =
+        harness.get_by_label_contains("Some settings could not be used").accesskit_node().label().unwrap();
+    for named in ["keys.Fly", "keys.Redo", "clip_speed", "preferences_kept"] {
+        assert!(said.contains(named), "{named} in {said}");
+    }
+    assert_eq!(kept.0["preferences_kept"], text, "all of it, as it was");
+    let (harness, again) = with_settings(dir.path(), &kept.0["preferences"]);
+    assert!(harness.query_by_label_contains("Some settings").is_none(), "what is kept now is good");
+    assert_eq!(harness.state().keys().of(Deed::Keep), Key::K);
+    assert!(!again.0.contains_key("preferences_kept"));
+}
+
+#[test]
+fn settings_of_a_newer_program_are_kept_and_told_of_once() {
+    let dir = tempfile::tempdir().unwrap();
+    let text = "(theme:Light,wings:(span:[1,2]))";
+    let (harness, kept) = with_settings(dir.path(), text);
+    harness.get_by_label_contains("wings (this program does not know it");
+    assert!(kept.0["preferences"].contains("wings:(span:[1,2])"), "{}", kept.0["preferences"]);
+    let memory: &'static Memory = Box::leak(Box::new(kept));
+    let (harness, _) = window_with(dir.path(), None, vec2(1280.0, 800.0), false, Some(memory));
+    assert!(harness.query_by_label_contains("wings").is_none(), "it was told of before");
+}
+
+#[test]
+fn texts_that_could_not_be_used_are_kept_beside_each_other() {
+    let dir = tempfile::tempdir().unwrap();
+    let mut kept = Memory::default();
+    for text in ["(theme: Li", "(theme:Drak)", "(theme: Li"] {
+        kept.0.insert("preferences".to_owned(), text.to_owned());
+        let memory: &'static Memory = Box::leak(Box::new(Memory(kept.0.clone())));
+        let (mut harness, _) = window_with(dir.path(), None, vec2(1280.0, 800.0), false, Some(memory));
+        harness.state_mut().save(&mut kept);
+    }
+    assert_eq!(
+        (&*kept.0["preferences_kept"], &*kept.0["preferences_kept_2"]),
+        ("(theme: Li", "(theme:Drak)")
+    );
+    assert!(!kept.0.contains_key("preferences_kept_3"), "the same text is kept once");
+}

@@ -17,9 +17,11 @@ mod several;
 mod trajectories;
 mod opening;
 mod saving;
+mod seen;
 mod shelf;
 
 use std::path::Path;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
 
 use dropj::dream::DreamEpisode;
@@ -44,12 +46,26 @@ use rand::SeedableRng as _;
 use rand_chacha::ChaCha8Rng;
 
 /// What a test holds on to: what was ordered, how to report, and the pad's next events.
-#[derive(Clone, Default)]
+#[derive(Clone)]
 struct Backstage {
+    /// Whether clips are drawn as soon as they are asked for.
+    draws: Arc<AtomicBool>,
     orders: Arc<Mutex<Vec<Order>>>,
     reports: Arc<Mutex<Option<Reports>>>,
     pad: Arc<Mutex<Vec<PadEvent>>>,
     slots: Slots,
+}
+
+impl Default for Backstage {
+    fn default() -> Self {
+        Self {
+            draws: Arc::new(AtomicBool::new(true)),
+            orders: Arc::default(),
+            reports: Arc::default(),
+            pad: Arc::default(),
+            slots: Slots::default(),
+        }
+    }
 }
 
 impl Backstage {
@@ -76,7 +92,9 @@ impl Backstage {
 
 impl Crew for Backstage {
     fn send(&mut self, order: Order) {
-        if let Order::Clipper(ClipperCommand::Decode(query)) = &order {
+        if let Order::Clipper(ClipperCommand::Decode(query)) = &order
+            && self.draws.load(Ordering::Relaxed)
+        {
             let clip = |shade: usize| (0..SEGMENT_LEN).map(|t| frame(shade + 6 * t)).collect();
             self.report(Report::Clips { query: *query, left: clip(40), right: clip(100) });
         }
@@ -241,9 +259,24 @@ fn go(harness: &mut Harness<'_, App>, panel: Panel) {
     harness.run_steps(3);
 }
 
+/// Strikes a key; one that can answer, once the pair on the screen was there for a moment.
 fn press(harness: &mut Harness<'_, App>, key: Key) {
+    let answers = [Key::A, Key::D, Key::S, Key::ArrowLeft, Key::ArrowUp, Key::ArrowRight, Key::Space];
+    if answers.contains(&key) || [Key::Y, Key::N, Key::F, Key::Q].contains(&key) {
+        see(harness);
+    }
     harness.key_press(key);
     harness.run_steps(2);
+}
+
+/// Looks at the pair on the screen, if there is one, until an answer to it is taken.
+fn see(harness: &mut Harness<'_, App>) {
+    for _ in 0..10 {
+        if harness.state().shown().is_none() || harness.state().is_answerable() {
+            return;
+        }
+        harness.step();
+    }
 }
 
 /// What the session says was answered, in the order of answering.
@@ -313,11 +346,14 @@ fn buttons_say_what_their_keys_do() {
 fn the_next_pair_is_there_in_the_frame_after_an_answer() {
     let dir = tempfile::tempdir().unwrap();
     let (mut harness, backstage) = labeling(dir.path(), Protocol::Dropj);
-    harness.key_press(Key::A);
+    see(&mut harness);
+    harness.key_down(Key::A);
     harness.step();
-    harness.key_press(Key::D);
+    assert_eq!(harness.state().shown(), Some(QueryId(1)), "in the picture after this one");
+    harness.key_up(Key::A);
     harness.step();
-    assert_eq!(answers(&harness).len(), 2, "an answer in each of two frames");
+    press(&mut harness, Key::D);
+    assert_eq!(answers(&harness).len(), 2);
     let n_decoded = |orders: Vec<Order>| {
         orders.iter().filter(|order| matches!(order, Order::Clipper(ClipperCommand::Decode(_)))).count()
     };
@@ -399,6 +435,7 @@ fn a_pad_answers_too() {
     let dir = tempfile::tempdir().unwrap();
     let (mut harness, backstage) = labeling(dir.path(), Protocol::Dropj);
     for button in [PadButton::LeftShoulder, PadButton::Right, PadButton::East, PadButton::Back] {
+        see(&mut harness);
         backstage.pad.lock().unwrap().push(PadEvent::Pressed(button));
         harness.run_steps(2);
     }

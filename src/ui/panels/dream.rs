@@ -65,7 +65,7 @@ fn stage_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
     let rim = if is_paused { Rim::Accent } else { Rim::Plain };
     let response = picture_ui(ui, picture, vec2(side, side), &label, empty, rim);
     if is_paused {
-        banner(ui, response.rect, "Paused");
+        banner(ui, response.rect, dream.why_paused.unwrap_or("Paused"));
     } else if live.is_some_and(|live| live.is_planned) {
         banner(ui, response.rect, "The planner drives");
     }

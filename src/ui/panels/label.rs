@@ -112,7 +112,7 @@ fn query_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
     let wide = if is_single { side.max(room.x.min(760.0)) } else { 2.0 * side + GAP };
     let left = ui.cursor().left() + (room.x - wide).max(0.0) / 2.0;
     let columns = Rect::from_min_size(pos2(left, ui.cursor().top()), vec2(wide, room.y));
-    let shown = label.shown.map(|(id, _)| id);
+    let shown = label.shown.map(|shown| shown.query);
     let pair = shown.and_then(|id| label.pairs.get(&id));
     let layout = Layout::top_down(Align::Min);
     ui.spacing_mut().item_spacing.y = ROW_GAP;
@@ -179,7 +179,11 @@ fn head_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
         if label.skipped.is_some() {
             reasons_ui(ui, state.protocol(), commands);
         } else {
-            ui.label(tokens::muted(ui, label.said.as_deref().unwrap_or(" ")));
+            let said = label.said.as_deref().unwrap_or(" ");
+            let is_early =
+                label.early.is_some_and(|early| label.shown.is_some_and(|shown| shown.query == early));
+            let said = if is_early { EARLY } else { said };
+            ui.label(tokens::muted(ui, said));
         }
         ui.with_layout(Layout::right_to_left(Align::Center), |ui| progress_ui(ui, state, commands));
     });
@@ -198,6 +202,9 @@ pub(super) fn protocol_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command
     });
     menu.response.on_hover_text("Ask other questions from here on");
 }
+
+/// What is said of an answer that came too early.
+const EARLY: &str = "Not taken: this came before the pair could be seen";
 
 /// What moves the clips, from the right to the left.
 fn playback_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {

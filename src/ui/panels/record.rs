@@ -56,7 +56,7 @@ fn stage_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
         ui.spacing_mut().item_spacing.x = gap;
         let response = picture_ui(ui, picture, vec2(height * SHAPE, height), &label, empty, rim);
         if is_paused {
-            banner(ui, response.rect, "Paused");
+            banner(ui, response.rect, record.why_paused.unwrap_or("Paused"));
         } else if live.is_some_and(|live| live.is_planned) {
             banner(ui, response.rect, "The planner drives");
         }
