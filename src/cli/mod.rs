@@ -10,8 +10,10 @@ mod deploy;
 mod fit_probe;
 mod fit_world;
 mod models;
+mod numbers;
 mod record;
 mod refit;
+mod repair;
 mod replay;
 mod screen;
 mod simulate;
@@ -65,6 +67,8 @@ enum Command {
     Merge(agree::MergeOptions),
     /// Make a session with another's dreams and queries, for a second annotator to answer
     HandOn(agree::HandOnOptions),
+    /// Make a damaged session readable again: keep what can be read, and say what was left out
+    Repair(repair::Options),
     /// Print an episode step by step, in the columns of the reference traces
     Trace(trace::Options),
 }
@@ -147,6 +151,32 @@ fn names(protocols: &[Protocol]) -> String {
     protocols.iter().map(|protocol| protocol.name()).collect::<Vec<_>>().join(", ")
 }
 
+/// What the parser of the command line refuses, in one sentence, and how the command is used behind it.
+pub(crate) fn refusal(text: &str) -> String {
+    let text = text.strip_prefix("error: ").unwrap_or(text);
+    let (what, usage) = text.split_once("\n\n").unwrap_or((text, ""));
+    let what = what.split_whitespace().collect::<Vec<_>>().join(" ");
+    if usage.trim().is_empty() { what } else { format!("{what}\n\n{}", usage.trim_end()) }
+}
+
+/// An error and its causes in one sentence: nothing is said twice, and no other library tells where in its code it was.
+pub(crate) fn in_words(error: &anyhow::Error) -> String {
+    let mut words = String::new();
+    for cause in error.chain() {
+        let cause = cause.to_string();
+        // libtorch puts the stack of its own code behind what it says.
+        let said = cause.split("\nException raised from").next().unwrap_or_default();
+        let said: Vec<_> = said.lines().map(str::trim).filter(|line| !line.is_empty()).collect();
+        let said = said.join(" ");
+        if words.is_empty() {
+            words = said;
+        } else if !said.is_empty() && !words.contains(&said) {
+            words = format!("{words}: {said}");
+        }
+    }
+    words
+}
+
 /// Carries out what was asked.
 pub(crate) fn run(cli: Cli) -> anyhow::Result<()> {
     if cli.command.is_some() {
@@ -169,6 +199,37 @@ pub(crate) fn run(cli: Cli) -> anyhow::Result<()> {
         Some(Command::Agree(options)) => agree::run(&options),
         Some(Command::Merge(options)) => agree::run_merge(&options),
         Some(Command::HandOn(options)) => agree::run_hand_on(&options),
+        Some(Command::Repair(options)) => repair::run(&options),
         Some(Command::Trace(options)) => trace::run(&options),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use anyhow::Context as _;
+
+    use super::*;
+
+    #[test]
+    fn the_command_line_fits_together() {
+        use clap::CommandFactory as _;
+
+        Cli::command().debug_assert();
+    }
+
+    #[test]
+    fn a_cause_is_said_once_and_without_a_foreign_stack() {
+        let torn: Result<(), _> =
+            Err(anyhow::anyhow!("the shape is wrong\nException raised from f at x.cpp:1\nframe #0"));
+        let error = torn.context("cannot load it: the shape is wrong").context("cannot drive").unwrap_err();
+        assert_eq!(in_words(&error), "cannot drive: cannot load it: the shape is wrong");
+    }
+
+    #[test]
+    fn what_the_parser_refuses_is_one_sentence() {
+        let refused = Cli::try_parse_from(["dropj", "merge", "a"]).unwrap_err().to_string();
+        let said = refusal(&refused);
+        let first = said.lines().next().unwrap();
+        assert!(first.contains("--out") && !said.starts_with("error"), "{said}");
     }
 }
