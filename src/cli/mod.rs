@@ -232,4 +232,85 @@ mod tests {
         let first = said.lines().next().unwrap();
         assert!(first.contains("--out") && !said.starts_with("error"), "{said}");
     }
+
+    /// Whether the command line is refused for a value.
+    fn is_refused(args: &str) -> bool {
+        let parsed = Cli::try_parse_from(["dropj"].into_iter().chain(args.split(' ')));
+        parsed.is_err_and(|refused| {
+            assert!(!refused.to_string().contains("required arguments"), "{args}: {refused}");
+            true
+        })
+    }
+
+    #[test]
+    fn every_number_has_its_range() {
+        for (command, option, values) in [
+            ("simulate --out X", "queries", "-1 0 1000001 99999999999999999999 1.5 NaN"),
+            ("simulate --out X", "undo", "-1 1000001"),
+            ("simulate --out X", "dreams", "-1 0 10001"),
+            ("simulate --out X", "steps", "-1 0 19 18446744073709551615"),
+            ("simulate --out X", "rounds", "-1 0 10001"),
+            ("simulate --out X", "members", "-1 0 101"),
+            ("simulate --out X", "seed", "-1 18446744073709551616 1.5"),
+            ("simulate --out X", "beta", "-1 NaN inf 1e400"),
+            ("simulate --out X", "gamma", "-1 0 1.1 NaN inf"),
+            ("simulate --out X", "eps-mistake", "-0.1 1.1 NaN inf"),
+            ("simulate --out X", "eps-safety", "-0.1 1.1 NaN inf"),
+            ("simulate --out X", "care", "-1 NaN inf"),
+            ("simulate --out X", "eps-skip", "-1 NaN inf"),
+            ("simulate --out X", "eps-equal", "-1 NaN inf"),
+            (
+                "simulate --out X",
+                "weights",
+                "grass grass= =1 grass=0.5 grass=1.1 grass=NaN grass=1,default=inf",
+            ),
+            ("record --out X", "episodes", "-1 1000001 18446744073709551615"),
+            ("record --out X", "first", "-1 4294967296 18446744073709551615"),
+            ("record --out X", "seed", "-1 18446744073709551616"),
+            ("deploy --straight-on", "episodes", "-1 100001 18446744073709551615"),
+            ("deploy --straight-on", "seed", "-1 18446744073709551616"),
+            ("deploy", "random-reward", "-1 18446744073709551616 NaN"),
+            ("deploy --straight-on", "horizon", "-1 0 201"),
+            ("deploy --straight-on", "brake", "-0.1 1.1 NaN inf"),
+            ("deploy --straight-on", "memory-reset", "-1 1000001"),
+            ("fit-world --data X --out Y", "threads", "-1 0 1025"),
+            ("fit-world --data X --out Y", "seed", "-1 18446744073709551616"),
+            ("fit-world --data X --out Y", "emphasis", "-1 1001 NaN inf"),
+            ("fit-world --data X --out Y", "vae-epochs", "-1 0 1000001"),
+            ("fit-world --data X --out Y", "mdn-rnn-epochs", "-1 0 1000001"),
+            ("check-world --data X --world Y", "stretches", "-1 0 100001"),
+            ("check-world --data X --world Y", "seed", "-1 18446744073709551616"),
+            ("fit-probe --out X", "episodes", "-1 0 1 100001"),
+            ("fit-probe --out X", "updates", "-1 0 10000001"),
+            ("fit-probe --out X", "seed", "-1 18446744073709551616"),
+            ("refit --session X", "updates", "-1 0 10000001"),
+            ("refit --session X", "members", "-1 0 101"),
+            ("refit --session X", "seed", "-1 18446744073709551616"),
+            ("refit --session X", "safety", "0.5 1.1 NaN inf -1"),
+            ("refit --session X", "default", "0.5 1.1 NaN inf -1"),
+            ("refit --session X", "weights", "grass grass=0 grass=NaN"),
+            ("refit --session X", "held-out", "-1 0 0.91 1 NaN inf"),
+            ("trace --actions X", "gym-seed", "-1 18446744073709551616"),
+            ("trace --actions X --gym-seed 0", "python-seed", "-1 18446744073709551616"),
+        ] {
+            for value in values.split(' ') {
+                let args = format!("{command} --{option}={value}");
+                assert!(is_refused(&args), "{args}");
+            }
+        }
+    }
+
+    #[test]
+    fn usual_numbers_are_taken() {
+        for args in [
+            "simulate --out X --queries 1 --steps 20 --gamma 1 --eps-skip 0.35 --weights grass=1,default=0.75",
+            "simulate --out X --seed 18446744073709551615",
+            "record --out X --episodes 0",
+            "deploy --random-reward 0 --episodes 0 --memory-reset 0 --horizon 15 --brake 0",
+            "refit --session X --default 0.9 --safety 1 --held-out 0.2 --members 10",
+            "fit-world --data X --out Y --emphasis 0 --threads 1 --vae-epochs 1",
+        ] {
+            assert!(!is_refused(args), "{args}");
+        }
+    }
 }

@@ -130,7 +130,11 @@ impl Annotators {
                 Some(called) => format!("{annotator} in {called}"),
             }
         };
-        Self::named(&sessions.iter().map(|(_, session)| *session).collect::<Vec<_>>(), name).0
+        let (mut found, new) =
+            Self::named(&sessions.iter().map(|(_, session)| *session).collect::<Vec<_>>(), name);
+        let called = sessions.iter().filter_map(|(called, session)| Some(((*called)?, *session)));
+        found.notes.extend(copies(called, &new));
+        found
     }
 
     /// Those of sessions by their unmistakable names, such as [`distinct`](crate::text::distinct) gives them.
@@ -150,13 +154,9 @@ impl Annotators {
                 annotator.to_owned()
             }
         });
+        found.notes.extend(copies(sessions.iter().map(|(name, session)| (name.as_str(), *session)), &new));
         let mut places: BTreeMap<&str, Vec<&str>> = BTreeMap::new();
-        for ((name, session), new) in sessions.iter().zip(&new) {
-            if new.is_empty() && session.active_secs().next().is_some() {
-                found.notes.push(format!(
-                    "the answers of {name} all stand in the sessions before it, and count once"
-                ));
-            }
+        for ((name, _), new) in sessions.iter().zip(&new) {
             new.iter()
                 .filter(|who| !is_nobody(who))
                 .for_each(|who| places.entry(who).or_default().push(name));
@@ -290,6 +290,17 @@ impl Session {
         let step = asked.transition.map(|transition| transition.step);
         if left <= right { (([left, right], step), false) } else { (([right, left], step), true) }
     }
+}
+
+/// What is to be known of sessions that give nothing `new`.
+fn copies<'a>(sessions: impl Iterator<Item = (&'a str, &'a Session)>, new: &[BTreeSet<&str>]) -> Vec<String> {
+    let is_copy = |session: &Session, new: &BTreeSet<&str>| new.is_empty() && !session.spent.is_empty();
+    let copies = sessions.zip(new).filter(|((_, session), new)| is_copy(session, new));
+    copies
+        .map(|((name, _), _)| {
+            format!("the answers of {name} all stand in the sessions before it, and count once")
+        })
+        .collect()
 }
 
 /// The middle number, or the mean of the middle two.

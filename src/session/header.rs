@@ -123,6 +123,7 @@ impl Header {
         // Before anything else: another format may have other fields.
         match value.get("format").and_then(serde_json::Value::as_u64) {
             Some(found) if (1..=u64::from(FORMAT)).contains(&found) => {}
+            Some(0) => return Err(wrong("it is of format 0, and the first one is 1".to_owned())),
             Some(found) => {
                 return Err(SessionError::Format { found, known: FORMAT, path: path.to_owned() });
             }
@@ -227,10 +228,7 @@ mod tests {
                 whole.replace("\"seed\":7", "\"seed\":18446744073709551616"),
                 "its \"seed\" is not a whole number from 0 to",
             ),
-            (
-                whole.replace("\"format\":3", "\"format\":0"),
-                "of format 0, and this program reads formats up to 3",
-            ),
+            (whole.replace("\"format\":3", "\"format\":0"), "it is of format 0, and the first one is 1"),
             (whole.replace("\"format\":3,", ""), "it has no number \"format\""),
             (whole.replace("1.0", "0.5"), "above 0.5"),
         ] {

@@ -70,7 +70,7 @@ pub fn repair(dir: &Path, origin: Option<&Origin>, is_trial: bool) -> Result<Rep
     let is_header_whole = whole.is_ok();
     let header = match whole {
         Ok(header) => header,
-        Err(e @ SessionError::Format { found: 1.., .. }) => return Err(e),
+        Err(e @ SessionError::Format { .. }) => return Err(e),
         Err(_) => {
             let mended = mend_header(found).or_else(|why| {
                 let origin =
@@ -83,7 +83,10 @@ pub fn repair(dir: &Path, origin: Option<&Origin>, is_trial: bool) -> Result<Rep
     };
 
     let found = log_bytes.as_deref().unwrap_or_default();
+    // Of a log that was emptied the dreams are left, if there were any.
+    let is_emptied = trimmed(found).is_empty() && recovered(dir, 0).is_some();
     let is_log_whole = log_bytes.is_some()
+        && !is_emptied
         && log::parse(found, &log_path).is_ok_and(|contents| {
             contents.torn.is_none() && header.session().folded(&contents.entries).is_ok()
         });

@@ -7,4 +7,7 @@
 #[path = "../support/program.rs"]
 mod program;
 
+mod compare;
+mod numbers;
+mod sessions;
 mod starting;
