@@ -14,6 +14,7 @@
 //!
 //! | module | owns | invariant |
 //! |---|---|---|
+//! | [`text`] | names and cells of tables shown safely, paths told apart, encodings | text of others is never taken for ours |
 //! | [`env`](mod@env) | physics, tracks, drawing, reward events | knows no tensor; a seed and the actions decide everything |
 //! | [`tensor`] | rank checks, initialization, conversions | the only place that copies between Rust memory and torch |
 //! | [`run`] | the folder of a long job; files written whole | a file is as before or as wanted, never in between |
@@ -49,6 +50,7 @@
 //! - **ReQueST**: Reddy et al. *Learning human objectives by evaluating hypothetical behavior.* ICML 2020.
 //! - **PEBBLE**: Lee et al. ICML 2021. · **B-Pref**: Lee et al. NeurIPS 2021.
 
+pub mod text;
 pub mod env;
 pub mod tensor;
 pub mod run;

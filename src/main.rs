@@ -10,10 +10,19 @@ use clap::Parser as _;
 fn main() -> ExitCode {
     set_around_libtorch();
     env_logger::Builder::from_env(env_logger::Env::default().default_filter_or("warn")).init();
-    match cli::run(cli::Cli::parse()) {
+    let asked = match cli::Cli::try_parse() {
+        Ok(asked) => asked,
+        // Help and version.
+        Err(refused) if !refused.use_stderr() => refused.exit(),
+        Err(refused) => {
+            eprintln!("dropj: {}", cli::refusal(&refused.to_string()));
+            return ExitCode::from(2);
+        }
+    };
+    match cli::run(asked) {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
-            eprintln!("dropj: {error:#}");
+            eprintln!("dropj: {}", cli::in_words(&error));
             ExitCode::from(2)
         }
     }

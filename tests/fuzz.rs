@@ -22,6 +22,7 @@ mod mutation;
 mod support;
 
 use dropj::dataset::Dataset;
+use dropj::evaluation::Results;
 use dropj::reward::LearnedReward;
 use dropj::session::{Header, SessionStore};
 use dropj::simulate::probe::Probe;
@@ -178,4 +179,10 @@ fn fuzz_recordings_in_their_journal() {
             .is_ok_and(|dataset| !dataset.unfinished().is_empty())
     };
     fuzz("recordings in their journal", &[journal], 20, as_it_is, read);
+}
+
+#[test]
+fn fuzz_comparison_files() {
+    let read = |bytes: &[u8]| !Results::parse(bytes).episodes.is_empty();
+    fuzz("comparison files", &corpus::comparisons(), 1, as_it_is, read);
 }

@@ -4,14 +4,17 @@ use std::path::PathBuf;
 
 use dropj::evaluation::{Agreement, aligned};
 use dropj::run::{Kind, OutputFile};
-use dropj::session::{Annotators, SessionStore, hand_on, merge};
+use dropj::session::{Annotators, SessionStore, hand_on, merge_counted};
+use dropj::text::{distinct, shown, shown_within};
+
+use super::numbers;
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct Options {
     /// The sessions whose annotators are compared
     #[arg(num_args = 1.., required = true)]
     sessions: Vec<PathBuf>,
-    /// Call annotators as their session's folder, so that the same name in two sessions is two annotators
+    /// Call annotators as their sessions' folders, so that the same name in two sessions is two annotators
     #[arg(long)]
     by_session: bool,
     /// Where to write the figures as a table
@@ -34,7 +37,7 @@ pub(crate) struct HandOnOptions {
     /// The session whose dreams and queries are handed on
     session: PathBuf,
     /// Who is to answer them
-    #[arg(long)]
+    #[arg(long, value_parser = numbers::name)]
     annotator: String,
     /// The folder of the session to make
     #[arg(long)]
@@ -44,15 +47,20 @@ pub(crate) struct HandOnOptions {
 pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
     let csv = options.csv.as_deref().map(|path| OutputFile::at(path, Kind::Table)).transpose()?;
     let mut sessions = Vec::new();
-    for dir in &options.sessions {
-        let name = dir.file_name().unwrap_or_default().to_string_lossy().into_owned();
-        sessions.push((name, SessionStore::read_reward(dir)?.0));
+    for (name, dir) in distinct(&options.sessions).into_iter().zip(&options.sessions) {
+        sessions.push((name, SessionStore::read(dir)?.1));
     }
-    let called: Vec<_> = sessions
-        .iter()
-        .map(|(name, session)| (options.by_session.then_some(name.as_str()), session))
-        .collect();
-    let annotators = Annotators::of(&called);
+    let annotators = if options.by_session {
+        Annotators::of(
+            &sessions.iter().map(|(name, session)| (Some(name.as_str()), session)).collect::<Vec<_>>(),
+        )
+    } else {
+        let named: Vec<_> = sessions.iter().map(|(name, session)| (name.clone(), session)).collect();
+        Annotators::of_sessions(&named)
+    };
+    for note in &annotators.notes {
+        eprintln!("{}", shown_within(note, 200));
+    }
     if let Some(csv) = csv {
         csv.write(annotators.to_csv().as_bytes())?;
     }
@@ -72,7 +80,7 @@ fn table_of_each(annotators: &Annotators) -> String {
     for one in &annotators.each {
         let again = one.consistency;
         lines.push(vec![
-            one.name.clone(),
+            shown(&one.name),
             one.n_answered.to_string(),
             one.n_skipped.to_string(),
             one.n_hallucinated.to_string(),
@@ -92,7 +100,7 @@ fn table_of_pairs(annotators: &Annotators) -> String {
         let Agreement { n, n_same, n_critical, kappa, safety_kappa } = *found;
         let percent = |part: usize| figure(Some(100.0 * part as f64 / n as f64), 0);
         lines.push(vec![
-            format!("{one} – {other}"),
+            format!("{} – {}", shown(one), shown(other)),
             n.to_string(),
             percent(n_same),
             percent(n_critical),
@@ -109,16 +117,19 @@ fn figure(value: Option<f64>, digits: usize) -> String {
 }
 
 pub(crate) fn run_merge(options: &MergeOptions) -> anyhow::Result<()> {
-    let merged = merge(&options.sessions, &options.out)?;
+    let (merged, n_same) = merge_counted(&options.sessions, &options.out)?;
     let statistics = merged.session().statistics();
     println!(
         "{} dreams, {} answers, {} skipped, of {}: {:?}",
         merged.session().dreams().len(),
         statistics.n_answered,
         statistics.n_skipped,
-        merged.session().annotators().into_keys().collect::<Vec<_>>().join(", "),
+        merged.session().annotators().into_keys().map(shown).collect::<Vec<_>>().join(", "),
         options.out
     );
+    if n_same > 0 {
+        println!("{n_same} queries stood in several of these sessions and count once");
+    }
     println!("the reward is yet to be learned: dropj refit --session {:?}", options.out);
     Ok(())
 }
@@ -126,6 +137,6 @@ pub(crate) fn run_merge(options: &MergeOptions) -> anyhow::Result<()> {
 pub(crate) fn run_hand_on(options: &HandOnOptions) -> anyhow::Result<()> {
     let handed = hand_on(&options.session, &options.out, &options.annotator)?;
     let n_queries = handed.session().pending().count();
-    println!("{n_queries} queries for {}: dropj --session {:?}", options.annotator, options.out);
+    println!("{n_queries} queries for {}: dropj --session {:?}", shown(&options.annotator), options.out);
     Ok(())
 }

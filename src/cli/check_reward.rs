@@ -9,7 +9,10 @@ use dropj::env::Action;
 use dropj::query::{DreamId, LabeledQuery, SegmentRef};
 use dropj::reward::{Figures, RewardEnsemble, SegmentPair, Trainer, segment_rows};
 use dropj::session::SessionStore;
+use dropj::text::{distinct, shown};
 use dropj::world_model::WorldModel;
+
+use super::models;
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct Options {
@@ -19,16 +22,19 @@ pub(crate) struct Options {
     /// Sessions dreamed with the same world model, whose answers it has to foretell
     #[arg(long, num_args = 1.., required = true)]
     on: Vec<PathBuf>,
+    /// The world model of these sessions, where it is not found by itself
+    #[arg(long)]
+    world: Option<PathBuf>,
 }
 
 pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
     tch::set_num_threads(1);
-    let model = SessionStore::read_world_model(&options.session)?;
+    let model = models::of_session(&options.session, options.world.as_deref())?;
     let (_, parameters) = SessionStore::read_reward(&options.session)?;
     let parameters = parameters.context("this session has no reward yet: fit one with `dropj refit`")?;
-    for other in &options.on {
+    for (name, other) in distinct(&options.on).iter().zip(&options.on) {
         let labels = labels(other, &model)?;
-        println!("{}, {} answers:", other.display(), labels.len());
+        println!("{}, {} answers:", shown(name), labels.len());
         // Certain labels are those that safety decides, or a preference where nothing else is asked.
         let (sure, unsure): (Vec<_>, Vec<_>) =
             labels.into_iter().partition(|pair| (pair.label.mu() - 0.5).abs() > 0.49);

@@ -9,6 +9,7 @@ use dropj::run::{Kind, OutputFile};
 use dropj::world_model::fit::{FitConfig, Split};
 
 use super::models;
+use super::numbers::count;
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct Options {
@@ -22,7 +23,7 @@ pub(crate) struct Options {
     #[arg(long, default_value_t = 0)]
     seed: u64,
     /// How many stretches of held-out episodes to compare
-    #[arg(long, default_value_t = 100)]
+    #[arg(long, value_parser = count(1..=100_000), default_value_t = 100)]
     stretches: usize,
     /// A picture to write: rows of real, reconstructed and dreamed frames, every fifth step
     #[arg(long)]

@@ -1,13 +1,15 @@
 //! `dropj compare`.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use anyhow::Context as _;
-use dropj::evaluation::{EpisodeMetrics, Summary, dunn, kruskal_wallis, table};
+use dropj::evaluation::{EpisodeMetrics, Results, Summary, Untested, dunn, kruskal_wallis, table, untested};
+use dropj::text::{distinct_files, shown};
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct Options {
-    /// What `deploy --json` printed, a file a method, which is called as its file
+    /// What `deploy --json` printed, a file a method, which is called as its file; what is no result in it is passed over and
+    /// said
     #[arg(num_args = 2.., required = true)]
     results: Vec<PathBuf>,
     /// Print JSON: an object a figure
@@ -26,55 +28,98 @@ const FIGURES: [Figure; 5] = [
     ("cars", |m| m.car_rate),
 ];
 
+/// Below so many values the distribution of χ² is a rough guide.
+const FEW: usize = 5;
+
 pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
-    let name = |path: &PathBuf| path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
-    let names: Vec<String> = options.results.iter().map(name).collect();
-    let methods: Vec<_> = options.results.iter().map(|path| read(path)).collect::<Result<_, _>>()?;
+    let names = distinct_files(&options.results);
+    let mut methods = Vec::new();
+    for (name, path) in names.iter().zip(&options.results) {
+        let bytes = std::fs::read(path).with_context(|| format!("cannot read the results {path:?}"))?;
+        let Results { episodes, notes } = Results::parse(&bytes);
+        if episodes.is_empty() {
+            let why = notes.first().map_or("they are empty", String::as_str);
+            anyhow::bail!("there are no episodes in these results, for {why}: {path:?}");
+        }
+        for note in notes {
+            eprintln!("{}: {note}", shown(name));
+        }
+        if let Some(same) = methods.iter().position(|others: &Vec<EpisodeMetrics>| is_same(others, &episodes))
+        {
+            eprintln!(
+                "{} and {} hold the same episodes, so they cannot differ",
+                shown(&names[same]),
+                shown(name)
+            );
+        }
+        methods.push(episodes);
+    }
+    let names_shown: Vec<_> = names.iter().map(|name| shown(name)).collect();
     if !options.json {
         let summaries = methods.iter().map(|episodes| Summary::of(episodes));
-        println!("{}", table(&names.iter().map(String::as_str).zip(summaries).collect::<Vec<_>>()));
+        println!("{}", table(&names_shown.iter().map(String::as_str).zip(summaries).collect::<Vec<_>>()));
     }
     for (figure, value) in FIGURES {
         let values = |episodes: &Vec<EpisodeMetrics>| -> Vec<f64> {
-            episodes.iter().filter_map(value).map(f64::from).collect()
+            episodes.iter().filter_map(value).map(f64::from).filter(|value| value.is_finite()).collect()
         };
         let values: Vec<_> = methods.iter().map(values).collect();
         let groups: Vec<&[f64]> = values.iter().map(Vec::as_slice).collect();
-        let Some(test) = kruskal_wallis(&groups) else { continue };
-        let pairs = dunn(&groups);
+        if groups.iter().all(|group| group.is_empty()) {
+            // A world without chuckholes or cars.
+            continue;
+        }
+        let why = untested(&groups).map(|why| in_words(why, &groups, &names_shown));
+        let (test, pairs) = match why {
+            None => (kruskal_wallis(&groups), dunn(&groups)),
+            Some(_) => (None, Vec::new()),
+        };
         if options.json {
             println!(
                 "{}",
-                serde_json::json!({"figure": figure, "methods": names, "kruskal_wallis": test, "dunn": pairs})
+                serde_json::json!({
+                    "figure": figure, "methods": names, "kruskal_wallis": test, "dunn": pairs, "untested": why
+                })
             );
             continue;
         }
+        let Some(test) = test else {
+            println!("{figure}: not tested, for {}", why.as_deref().unwrap_or("the ranks say nothing"));
+            continue;
+        };
         println!("{figure}: Kruskal–Wallis H({}) = {:.3}, p {}", test.df, test.h, rounded(test.p));
         for pair in pairs {
-            let (one, other) = (&names[pair.pair.0], &names[pair.pair.1]);
+            let (one, other) = (&names_shown[pair.pair.0], &names_shown[pair.pair.1]);
             println!("  {one} – {other}: Dunn z = {:+.3}, p {}", pair.z, rounded(pair.p));
+        }
+        let few = groups.iter().zip(&names_shown).find(|(group, _)| group.len() < FEW);
+        if let Some((group, name)) = few {
+            let values = if group.len() == 1 { "1 value" } else { &format!("{} values", group.len()) };
+            println!("  {name} has {values}: with fewer than {FEW} these probabilities are rough");
         }
     }
     Ok(())
 }
 
+/// Why a figure is not tested.
+fn in_words(why: Untested, groups: &[&[f64]], names: &[String]) -> String {
+    match why {
+        Untested::FewerThanTwo => "there are fewer than two methods".to_owned(),
+        Untested::Empty(i) => format!("{} has no value of it", names[i]),
+        Untested::OneEach => "each method has one value, which tells nothing of chance".to_owned(),
+        Untested::AllEqual => {
+            let value = groups.iter().find_map(|group| group.first()).copied().unwrap_or_default();
+            format!("all values are equal ({value})")
+        }
+    }
+}
+
+/// Whether two results are of the very same episodes: no two drives take the same time to the last digit.
+fn is_same(one: &[EpisodeMetrics], other: &[EpisodeMetrics]) -> bool {
+    one == other && one.iter().any(|episode| episode.plan_ms_mean.is_some())
+}
+
 /// A probability to four digits, and never nothing.
 fn rounded(p: f64) -> String {
     if p < 1e-4 { "< 0.0001".to_owned() } else { format!("= {p:.4}") }
-}
-
-/// The episodes in the lines that `deploy --json` printed; the line of their summary is passed over.
-fn read(path: &Path) -> anyhow::Result<Vec<EpisodeMetrics>> {
-    let text = std::fs::read_to_string(path).with_context(|| format!("cannot read the results {path:?}"))?;
-    let mut episodes = Vec::new();
-    for (i, line) in text.lines().enumerate().filter(|(_, line)| !line.trim().is_empty()) {
-        let wrong = || format!("line {} is not what `deploy --json` prints: {path:?}", i + 1);
-        let mut line: serde_json::Value = serde_json::from_str(line).with_context(wrong)?;
-        match line.get_mut("metrics").map(serde_json::Value::take) {
-            Some(metrics) => episodes.push(serde_json::from_value(metrics).with_context(wrong)?),
-            None => anyhow::ensure!(line.get("summary").is_some(), wrong()),
-        }
-    }
-    anyhow::ensure!(!episodes.is_empty(), "there are no episodes in {path:?}");
-    Ok(episodes)
 }

@@ -15,6 +15,7 @@ use dropj::session::{Header, SessionStore};
 use rand::SeedableRng as _;
 use rand_chacha::ChaCha8Rng;
 
+use super::numbers::{count, number32};
 use super::{EnvName, Switch, models, names};
 
 #[derive(Debug, clap::Args)]
@@ -35,7 +36,7 @@ pub(crate) struct Options {
     #[arg(long, value_enum, default_value = "on")]
     aids: Switch,
     /// How many episodes
-    #[arg(long, default_value_t = 10)]
+    #[arg(long, value_parser = clap::value_parser!(u64).range(0..=100_000), default_value_t = 10)]
     episodes: u64,
     /// The track of the first; the others follow by one
     #[arg(long, default_value_t = 0)]
@@ -44,10 +45,10 @@ pub(crate) struct Options {
     #[arg(long, value_parser = clap::value_parser!(u16).range(1..=200))]
     horizon: Option<u16>,
     /// How hard the planner's candidates brake, from 0 to 1 [default: the world's]
-    #[arg(long, value_parser = parse_brake)]
+    #[arg(long, value_parser = number32(0.0..=1.0))]
     brake: Option<f32>,
     /// Steps between forgetting all memory; 0 is never
-    #[arg(long, default_value_t = 50)]
+    #[arg(long, value_parser = count(0..=1_000_000), default_value_t = 50)]
     memory_reset: usize,
     /// A world model other than the session's or the shipped one
     #[arg(long)]
@@ -60,11 +61,6 @@ pub(crate) struct Options {
     json: bool,
 }
 
-fn parse_brake(text: &str) -> Result<f32, String> {
-    let brake = text.parse().map_err(|_| "not a number".to_owned())?;
-    if (0.0..=1.0).contains(&brake) { Ok(brake) } else { Err("not from 0 to 1".to_owned()) }
-}
-
 pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
     tch::set_num_threads(1);
     let table_of_steps =
@@ -75,7 +71,7 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
     let kept = options.session.as_deref().map(SessionStore::read_reward).transpose()?;
     let model = match (&options.world, &options.session) {
         (Some(path), _) => models::world_model(path)?,
-        (None, Some(dir)) => SessionStore::read_world_model(dir)?,
+        (None, Some(dir)) => models::of_session(dir, None)?,
         (None, None) => models::world_model(&models::world_model_asset(env))?,
     };
     models::require(&model, env)?;
@@ -100,23 +96,23 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
         "track,step,speed,lateral,heading_error,wheels_off,grass,chuckhole,car,steer,gas,brake,chosen,best,worst\n"
             .to_owned();
     for i in 0..options.episodes {
+        let number = options.seed.wrapping_add(i);
         let seed = tracks.track(i);
         let mut env = env.open(options.aids.aids());
-        let agent = Agent::new(config.clone(), options.seed.wrapping_add(i));
+        let agent = Agent::new(config.clone(), number);
         let mut planning = PlanningPolicy::new(&model, &reward, agent);
         let policy: &mut dyn Policy = if options.straight_on { &mut StraightOn } else { &mut planning };
         let metrics = evaluate_episode(&mut *env, seed, policy, |env, step| {
             if options.steps.is_some() {
-                steps.push_str(&line(options.seed + i, env, step));
+                steps.push_str(&line(number, env, step));
             }
             ControlFlow::Continue(())
         });
         if options.json {
-            println!("{}", serde_json::json!({"track": options.seed + i, "metrics": metrics}));
+            println!("{}", serde_json::json!({"track": number, "metrics": metrics}));
         } else {
             println!(
-                "track {}: return {:.0}, new tiles {:.1} %, grass {:.2} %, {}{}{} steps, plan {:.1} ms",
-                options.seed + i,
+                "track {number}: return {:.0}, new tiles {:.1} %, grass {:.2} %, {}{}{} steps, plan {:.1} ms",
                 metrics.ret,
                 100.0 * metrics.new_tile_rate,
                 100.0 * metrics.grass_rate,

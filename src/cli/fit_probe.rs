@@ -8,6 +8,7 @@ use dropj::env::Aids;
 use dropj::run::{Kind, OutputFile};
 use dropj::simulate::fit_probe::{FitProbeConfig, fit_probe};
 
+use super::numbers::count;
 use super::{EnvName, models};
 
 #[derive(Debug, clap::Args)]
@@ -22,10 +23,10 @@ pub(crate) struct Options {
     #[arg(long)]
     out: PathBuf,
     /// Episodes that are driven to fit on
-    #[arg(long)]
+    #[arg(long, value_parser = count(2..=100_000))]
     episodes: Option<usize>,
     /// Updates
-    #[arg(long)]
+    #[arg(long, value_parser = count(1..=10_000_000))]
     updates: Option<usize>,
     /// Of episodes, initialization and order
     #[arg(long, default_value_t = 0)]

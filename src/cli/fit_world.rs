@@ -11,6 +11,7 @@ use dropj::world_model::WorldModelConfig;
 use dropj::world_model::fit::{self, FitConfig, Progress, fit_world};
 
 use super::EnvName;
+use super::numbers::{count, number};
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct Options {
@@ -30,16 +31,16 @@ pub(crate) struct Options {
     #[arg(long, default_value_t = 0)]
     seed: u64,
     /// Threads for the arithmetic
-    #[arg(long, default_value_t = 2)]
+    #[arg(long, value_parser = clap::value_parser!(i32).range(1..=1024), default_value_t = 2)]
     threads: i32,
     /// How many times more the bluest and yellowest pixels count for vision; the preset's if not given
-    #[arg(long)]
+    #[arg(long, value_parser = number(0.0..=1000.0))]
     emphasis: Option<f64>,
     /// The most epochs for vision
-    #[arg(long)]
+    #[arg(long, value_parser = count(1..=1_000_000))]
     vae_epochs: Option<usize>,
     /// The most epochs for memory
-    #[arg(long)]
+    #[arg(long, value_parser = count(1..=1_000_000))]
     mdn_rnn_epochs: Option<usize>,
 }
 

@@ -10,8 +10,10 @@ mod deploy;
 mod fit_probe;
 mod fit_world;
 mod models;
+mod numbers;
 mod record;
 mod refit;
+mod repair;
 mod replay;
 mod screen;
 mod settings;
@@ -66,6 +68,8 @@ enum Command {
     Merge(agree::MergeOptions),
     /// Make a session with another's dreams and queries, for a second annotator to answer
     HandOn(agree::HandOnOptions),
+    /// Make a damaged session readable again: keep what can be read, and say what was left out
+    Repair(repair::Options),
     /// Print an episode step by step, in the columns of the reference traces
     Trace(trace::Options),
 }
@@ -156,6 +160,32 @@ fn png(rgb: &[u8], width: u32, height: u32) -> anyhow::Result<Vec<u8>> {
     Ok(bytes)
 }
 
+/// What the parser of the command line refuses, in one sentence, and how the command is used behind it.
+pub(crate) fn refusal(text: &str) -> String {
+    let text = text.strip_prefix("error: ").unwrap_or(text);
+    let (what, usage) = text.split_once("\n\n").unwrap_or((text, ""));
+    let what = what.split_whitespace().collect::<Vec<_>>().join(" ");
+    if usage.trim().is_empty() { what } else { format!("{what}\n\n{}", usage.trim_end()) }
+}
+
+/// An error and its causes in one sentence: nothing is said twice, and no other library tells where in its code it was.
+pub(crate) fn in_words(error: &anyhow::Error) -> String {
+    let mut words = String::new();
+    for cause in error.chain() {
+        let cause = cause.to_string();
+        // libtorch puts the stack of its own code behind what it says.
+        let said = cause.split("\nException raised from").next().unwrap_or_default();
+        let said: Vec<_> = said.lines().map(str::trim).filter(|line| !line.is_empty()).collect();
+        let said = said.join(" ");
+        if words.is_empty() {
+            words = said;
+        } else if !said.is_empty() && !words.contains(&said) {
+            words = format!("{words}: {said}");
+        }
+    }
+    words
+}
+
 /// Carries out what was asked.
 pub(crate) fn run(cli: Cli) -> anyhow::Result<()> {
     if cli.command.is_some() {
@@ -178,6 +208,118 @@ pub(crate) fn run(cli: Cli) -> anyhow::Result<()> {
         Some(Command::Agree(options)) => agree::run(&options),
         Some(Command::Merge(options)) => agree::run_merge(&options),
         Some(Command::HandOn(options)) => agree::run_hand_on(&options),
+        Some(Command::Repair(options)) => repair::run(&options),
         Some(Command::Trace(options)) => trace::run(&options),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use anyhow::Context as _;
+
+    use super::*;
+
+    #[test]
+    fn the_command_line_fits_together() {
+        use clap::CommandFactory as _;
+
+        Cli::command().debug_assert();
+    }
+
+    #[test]
+    fn a_cause_is_said_once_and_without_a_foreign_stack() {
+        let torn: Result<(), _> =
+            Err(anyhow::anyhow!("the shape is wrong\nException raised from f at x.cpp:1\nframe #0"));
+        let error = torn.context("cannot load it: the shape is wrong").context("cannot drive").unwrap_err();
+        assert_eq!(in_words(&error), "cannot drive: cannot load it: the shape is wrong");
+    }
+
+    #[test]
+    fn what_the_parser_refuses_is_one_sentence() {
+        let refused = Cli::try_parse_from(["dropj", "merge", "a"]).unwrap_err().to_string();
+        let said = refusal(&refused);
+        let first = said.lines().next().unwrap();
+        assert!(first.contains("--out") && !said.starts_with("error"), "{said}");
+    }
+
+    /// Whether the command line is refused for a value.
+    fn is_refused(args: &str) -> bool {
+        let parsed = Cli::try_parse_from(["dropj"].into_iter().chain(args.split(' ')));
+        parsed.is_err_and(|refused| {
+            assert!(!refused.to_string().contains("required arguments"), "{args}: {refused}");
+            true
+        })
+    }
+
+    #[test]
+    fn every_number_has_its_range() {
+        for (command, option, values) in [
+            ("simulate --out X", "queries", "-1 0 1000001 99999999999999999999 1.5 NaN"),
+            ("simulate --out X", "undo", "-1 1000001"),
+            ("simulate --out X", "dreams", "-1 0 10001"),
+            ("simulate --out X", "steps", "-1 0 19 18446744073709551615"),
+            ("simulate --out X", "rounds", "-1 0 10001"),
+            ("simulate --out X", "members", "-1 0 101"),
+            ("simulate --out X", "seed", "-1 18446744073709551616 1.5"),
+            ("simulate --out X", "beta", "-1 NaN inf 1e400"),
+            ("simulate --out X", "gamma", "-1 0 1.1 NaN inf"),
+            ("simulate --out X", "eps-mistake", "-0.1 1.1 NaN inf"),
+            ("simulate --out X", "eps-safety", "-0.1 1.1 NaN inf"),
+            ("simulate --out X", "care", "-1 NaN inf"),
+            ("simulate --out X", "eps-skip", "-1 NaN inf"),
+            ("simulate --out X", "eps-equal", "-1 NaN inf"),
+            (
+                "simulate --out X",
+                "weights",
+                "grass grass= =1 grass=0.5 grass=1.1 grass=NaN grass=1,default=inf",
+            ),
+            ("record --out X", "episodes", "-1 1000001 18446744073709551615"),
+            ("record --out X", "first", "-1 4294967296 18446744073709551615"),
+            ("record --out X", "seed", "-1 18446744073709551616"),
+            ("deploy --straight-on", "episodes", "-1 100001 18446744073709551615"),
+            ("deploy --straight-on", "seed", "-1 18446744073709551616"),
+            ("deploy", "random-reward", "-1 18446744073709551616 NaN"),
+            ("deploy --straight-on", "horizon", "-1 0 201"),
+            ("deploy --straight-on", "brake", "-0.1 1.1 NaN inf"),
+            ("deploy --straight-on", "memory-reset", "-1 1000001"),
+            ("fit-world --data X --out Y", "threads", "-1 0 1025"),
+            ("fit-world --data X --out Y", "seed", "-1 18446744073709551616"),
+            ("fit-world --data X --out Y", "emphasis", "-1 1001 NaN inf"),
+            ("fit-world --data X --out Y", "vae-epochs", "-1 0 1000001"),
+            ("fit-world --data X --out Y", "mdn-rnn-epochs", "-1 0 1000001"),
+            ("check-world --data X --world Y", "stretches", "-1 0 100001"),
+            ("check-world --data X --world Y", "seed", "-1 18446744073709551616"),
+            ("fit-probe --out X", "episodes", "-1 0 1 100001"),
+            ("fit-probe --out X", "updates", "-1 0 10000001"),
+            ("fit-probe --out X", "seed", "-1 18446744073709551616"),
+            ("refit --session X", "updates", "-1 0 10000001"),
+            ("refit --session X", "members", "-1 0 101"),
+            ("refit --session X", "seed", "-1 18446744073709551616"),
+            ("refit --session X", "safety", "0.5 1.1 NaN inf -1"),
+            ("refit --session X", "default", "0.5 1.1 NaN inf -1"),
+            ("refit --session X", "weights", "grass grass=0 grass=NaN"),
+            ("refit --session X", "held-out", "-1 0 0.91 1 NaN inf"),
+            ("trace --actions X", "gym-seed", "-1 18446744073709551616"),
+            ("trace --actions X --gym-seed 0", "python-seed", "-1 18446744073709551616"),
+        ] {
+            for value in values.split(' ') {
+                let args = format!("{command} --{option}={value}");
+                assert!(is_refused(&args), "{args}");
+            }
+        }
+    }
+
+    #[test]
+    fn usual_numbers_are_taken() {
+        for args in [
+            "simulate --out X --queries 1 --steps 20 --gamma 1 --eps-skip 0.35 --weights grass=1,default=0.75",
+            "simulate --out X --seed 18446744073709551615",
+            "record --out X --episodes 0",
+            "deploy --random-reward 0 --episodes 0 --memory-reset 0 --horizon 15 --brake 0",
+            "refit --session X --default 0.9 --safety 1 --held-out 0.2 --members 10",
+            "fit-world --data X --out Y --emphasis 0 --threads 1 --vae-epochs 1",
+        ] {
+            assert!(!is_refused(args), "{args}");
+        }
     }
 }

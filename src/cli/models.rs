@@ -4,16 +4,12 @@ use std::path::{Path, PathBuf};
 
 use anyhow::Context as _;
 use dropj::run::read_parameters;
+use dropj::session::SessionStore;
+pub(crate) use dropj::session::worlds::asset;
 use dropj::simulate::probe::Probe;
 use dropj::world_model::WorldModel;
 
 use super::EnvName;
-
-/// A file that is shipped with the program: in `assets` here, or where the program was built.
-pub(crate) fn asset(name: &str) -> PathBuf {
-    let here = Path::new("assets").join(name);
-    if here.exists() { here } else { Path::new(env!("CARGO_MANIFEST_DIR")).join("assets").join(name) }
-}
 
 /// The shipped world model of an environment.
 pub(crate) fn world_model_asset(env: EnvName) -> PathBuf {
@@ -41,6 +37,14 @@ pub(crate) fn world_model(path: &Path) -> anyhow::Result<WorldModel> {
         "there is no usable world model; give one with --world, or train one with `dropj fit-world`",
     )?;
     WorldModel::load(parameters).with_context(|| format!("in the file {path:?}"))
+}
+
+/// The world model that the session in `dir` was made with: the one in `path`, or else the one that is found by its hash.
+pub(crate) fn of_session(dir: &Path, path: Option<&Path>) -> anyhow::Result<WorldModel> {
+    match path {
+        Some(path) => world_model(path),
+        None => Ok(SessionStore::read_world_model(dir)?),
+    }
 }
 
 /// The probe in `path`, or the shipped one of an environment.

@@ -19,10 +19,10 @@ pub(crate) struct Options {
     #[arg(long, value_enum, default_value = "scripted")]
     pilot: Pilot,
     /// How many episodes
-    #[arg(long, default_value_t = 10)]
+    #[arg(long, value_parser = clap::value_parser!(u64).range(0..=1_000_000), default_value_t = 10)]
     episodes: u64,
     /// The number of the first, to share the work among several runs
-    #[arg(long, default_value_t = 0)]
+    #[arg(long, value_parser = clap::value_parser!(u64).range(0..=u64::from(u32::MAX)), default_value_t = 0)]
     first: u64,
     /// Of tracks and driving
     #[arg(long, default_value_t = 0)]

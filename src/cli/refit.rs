@@ -16,7 +16,8 @@ use dropj::reward::{
 use dropj::session::{Event, Fit, SessionError, SessionStore};
 use dropj::world_model::WorldModel;
 
-use super::simulate::parse_weight;
+use super::models;
+use super::numbers::{above, count, named_weight, weight};
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct Options {
@@ -24,30 +25,33 @@ pub(crate) struct Options {
     #[arg(long)]
     session: PathBuf,
     /// What else the justifications weigh from now on, such as grass=1,chuckhole=0.95,default=0.75: in the session's order
-    #[arg(long, value_parser = parse_weight, value_delimiter = ',')]
+    #[arg(long, value_parser = named_weight, value_delimiter = ',')]
     weights: Vec<(String, f32)>,
     /// What it weighs from now on that only one clip is safe
-    #[arg(long)]
+    #[arg(long, value_parser = weight)]
     safety: Option<f32>,
     /// What a preference between safe clips weighs from now on
-    #[arg(long)]
+    #[arg(long, value_parser = weight)]
     default: Option<f32>,
     /// Steps of Adam
-    #[arg(long)]
+    #[arg(long, value_parser = count(1..=10_000_000))]
     updates: Option<usize>,
     /// How many networks the reward is the mean of [default: as many as before, at first the paper's 3]; of
     /// preferences alone
-    #[arg(long, value_parser = clap::value_parser!(i64).range(1..))]
+    #[arg(long, value_parser = clap::value_parser!(i64).range(1..=100))]
     members: Option<i64>,
     /// Of initialization and order
     #[arg(long, default_value_t = 0)]
     seed: u64,
     /// Also hold out this share of the answers, learn from the rest, and say how well those are foretold
-    #[arg(long)]
+    #[arg(long, value_parser = above(0.0, 0.9))]
     held_out: Option<f64>,
     /// Learn from verdicts on transitions as ReQueST did, each network by itself and classes alike; else as DROPJ's authors
     #[arg(long)]
     apart: bool,
+    /// The session's world model, where it is not found by itself
+    #[arg(long)]
+    world: Option<PathBuf>,
 }
 
 const NO_VERDICTS: &str = "there are no verdicts to learn from";
@@ -55,7 +59,7 @@ const NO_ANSWERS: &str = "there are no answers to learn from";
 
 pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
     tch::set_num_threads(2);
-    let model = SessionStore::read_world_model(&options.session)?;
+    let model = models::of_session(&options.session, options.world.as_deref())?;
     let mut store = SessionStore::open(&options.session, Some(&model.hash()))?;
     let now = store.session().weights().clone();
     let mut weights = Weights {
@@ -163,10 +167,10 @@ pub(super) fn fit_reward(
     held_out: Option<f64>,
 ) -> anyhow::Result<Fit> {
     let mut dreams = BTreeMap::new();
-    for kept in store.session().dreams() {
-        let episode = store.dream(kept.dream)?;
+    for (id, _) in store.session().dream_lens() {
+        let episode = store.dream(id)?;
         let features = episode.features(model);
-        dreams.insert(kept.dream, (episode.actions, features));
+        dreams.insert(id, (episode.actions, features));
     }
     let rows = |segment: SegmentRef| {
         let (actions, features) = &dreams[&segment.dream];

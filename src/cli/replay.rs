@@ -2,8 +2,10 @@
 
 use std::path::PathBuf;
 
+use dropj::query::DreamId;
 use dropj::run::{Kind, OutputFile};
-use dropj::session::{CLIPS_FILE, SessionStore, replay};
+use dropj::session::{CLIPS_FILE, replay};
+use dropj::text::shown;
 
 use super::{models, names};
 
@@ -24,10 +26,7 @@ pub(crate) struct Options {
 
 pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
     tch::set_num_threads(1);
-    let model = match &options.world {
-        Some(path) => models::world_model(path)?,
-        None => SessionStore::read_world_model(&options.session)?,
-    };
+    let model = models::of_session(&options.session, options.world.as_deref())?;
     if options.record {
         // Decoding every clip takes a while; that they can be written is known before.
         drop(OutputFile::at(&options.session.join(CLIPS_FILE), Kind::Notes)?);
@@ -44,7 +43,10 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
         replayed.fits.len()
     );
     if let Some(torn) = &replayed.torn {
-        println!("a half line at the end of the log was passed over: {torn:?}");
+        println!("a half line at the end of the log was passed over: {}", shown(torn));
+    }
+    for dream in &replayed.lost {
+        println!("dream {}, which was deleted, cannot be read any more", dream.0 + 1);
     }
     if options.record {
         replayed.record_clips()?;
@@ -52,11 +54,19 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
     if options.check {
         if let Some(then) = replayed.recorded_clips()? {
             let changed = replayed.changed_clips(&then);
-            let names: Vec<_> = changed.iter().map(|(dream, start)| format!("{}/{start}", dream.0)).collect();
+            let name = |(dream, start): &(DreamId, usize)| format!("{}/{start}", dream.0);
+            let (asked, others): (Vec<_>, Vec<_>) =
+                changed.iter().partition(|clip| replayed.clips.contains_key(clip));
             anyhow::ensure!(
-                changed.is_empty(),
+                asked.is_empty(),
                 "these clips (dream/first step) look other than recorded: {}",
-                names.join(", ")
+                asked.into_iter().map(name).collect::<Vec<_>>().join(", ")
+            );
+            anyhow::ensure!(
+                others.is_empty(),
+                "clips.json tells of clips (dream/first step) that nobody is asked about here, so it is of another session: \
+                 {}; `dropj replay --record` writes it anew",
+                others.into_iter().map(name).collect::<Vec<_>>().join(", ")
             );
             println!("{} clips look as recorded", then.len());
         } else {

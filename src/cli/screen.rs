@@ -8,6 +8,9 @@ use dropj::dream::signs::{N_SIGNS, SIGNS};
 use dropj::evaluation::auc;
 use dropj::run::{Kind, OutputFile};
 use dropj::session::SessionStore;
+use dropj::text::{cell, distinct};
+
+use super::models;
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct Options {
@@ -17,6 +20,9 @@ pub(crate) struct Options {
     /// Where to write the signs of every pair as a table
     #[arg(long)]
     csv: Option<PathBuf>,
+    /// The world model of these sessions, where it is not found by itself
+    #[arg(long)]
+    world: Option<PathBuf>,
 }
 
 /// Shares of all pairs that could be held back.
@@ -33,7 +39,7 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
     let csv = options.csv.as_deref().map(|path| OutputFile::at(path, Kind::Table)).transpose()?;
     let mut sessions = Vec::new();
     for dir in &options.sessions {
-        sessions.push(read(dir)?);
+        sessions.push(read(dir, options.world.as_deref())?);
     }
     if let Some(csv) = csv {
         csv.write(table(&options.sessions, &sessions).as_bytes())?;
@@ -62,8 +68,8 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
     Ok(())
 }
 
-fn read(dir: &Path) -> anyhow::Result<Judged> {
-    let model = SessionStore::read_world_model(dir)?;
+fn read(dir: &Path, world: Option<&Path>) -> anyhow::Result<Judged> {
+    let model = models::of_session(dir, world)?;
     let (session, dreams) = SessionStore::read_dreams(dir, &model.hash())?;
     let mut screen = Screen::default();
     for (id, episode) in dreams {
@@ -115,11 +121,11 @@ fn figure(auc: Option<f64>) -> String {
 
 fn table(dirs: &[PathBuf], sessions: &[Judged]) -> String {
     let mut text = format!("session,hallucinated,{}\n", SIGNS.join(","));
-    for (dir, session) in dirs.iter().zip(sessions) {
+    for (name, session) in distinct(dirs).iter().zip(sessions) {
         for (pair, is_bad) in &session.judged {
             let Some(signs): Option<[f64; N_SIGNS]> = session.screen.signs(*pair) else { continue };
             let signs = signs.map(|sign| sign.to_string()).join(",");
-            writeln!(text, "{:?},{is_bad},{signs}", dir.display().to_string()).ok();
+            writeln!(text, "{},{is_bad},{signs}", cell(name)).ok();
         }
     }
     text

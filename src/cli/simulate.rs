@@ -5,13 +5,14 @@ use std::path::PathBuf;
 use std::time::Instant;
 
 use anyhow::Context as _;
-use dropj::query::{Justifications, Protocol, Query, Strategy};
+use dropj::query::{Justifications, Protocol, Query, SEGMENT_LEN, Strategy};
 use dropj::reward::RewardConfig;
 use dropj::session::{Answer, DreamSource, Event, Header, NewSession, SessionStore, now, relative};
 use dropj::simulate::annotator::Annotator;
 use dropj::simulate::player::Manner;
 use dropj::simulate::run::{Answered, Progress, SimulateConfig, simulate};
 
+use super::numbers::{count, name, named_weight, number, number32, one_of};
 use super::refit::fit_reward;
 use super::{EnvName, models, names, verdicts};
 
@@ -22,41 +23,41 @@ pub(crate) struct Options {
     env: EnvName,
     /// Which questions are asked; of several, such as drop,drope,dropj, each gets its share of the queries [default:
     /// dropj, with obstacles dropj-multi]
-    #[arg(long, value_parser = parse_protocol, value_delimiter = ',')]
+    #[arg(long, value_parser = one_of(PROTOCOLS), value_delimiter = ',')]
     protocol: Vec<Protocol>,
     /// What may be named under dropj-multi, and what it weighs: the most severe first, such as
     /// chuckhole=1,grass=0.95,default=0.75
-    #[arg(long, value_parser = parse_weight, value_delimiter = ',')]
+    #[arg(long, value_parser = named_weight, value_delimiter = ',')]
     weights: Vec<(String, f32)>,
     /// How many queries; those that are skipped count [default: the paper's 500, with obstacles 1000; of single
     /// transitions 2205]
-    #[arg(long)]
+    #[arg(long, value_parser = count(1..=1_000_000))]
     queries: Option<usize>,
     /// How many answers are taken back and given again, evenly spread
-    #[arg(long, default_value_t = 0)]
+    #[arg(long, value_parser = count(0..=1_000_000), default_value_t = 0)]
     undo: usize,
     /// How pairs are chosen: uniform, balanced (seldom two that are likely unsafe), disagreement (of the reward's networks) or
     /// boundary (near where the road was left)
-    #[arg(long, value_parser = parse_choice, default_value = "uniform")]
+    #[arg(long, value_parser = one_of(CHOICES), default_value = "uniform")]
     choice: Strategy,
     /// Who answers, as the session says it
-    #[arg(long, default_value = "simulated")]
+    #[arg(long, value_parser = name, default_value = "simulated")]
     annotator: String,
     /// How many dreams are played [default: the paper's 10, with obstacles 60]
-    #[arg(long)]
+    #[arg(long, value_parser = count(1..=10_000))]
     dreams: Option<usize>,
-    /// Steps of a dream
-    #[arg(long, default_value_t = 1000)]
+    /// Steps of a dream, at least those of a clip
+    #[arg(long, value_parser = count(SEGMENT_LEN..=1_000_000), default_value_t = 1000)]
     steps: usize,
     /// In how many rounds dreams are played and answered, of preferences; from the second on the planner drives in turns with
     /// the player, by what was learned so far. Paper: 1
-    #[arg(long, default_value_t = 1)]
+    #[arg(long, value_parser = count(1..=10_000), default_value_t = 1)]
     rounds: usize,
     /// What the player is after: exploring (off the road nearly half of the time) or touring (fast along it, slow beside it)
-    #[arg(long, value_parser = parse_manner, default_value = "exploring")]
+    #[arg(long, value_parser = one_of(MANNERS), default_value = "exploring")]
     manner: Manner,
     /// How many networks the reward of preferences is the mean of. Paper: 3
-    #[arg(long, value_parser = clap::value_parser!(i64).range(1..), default_value_t = 3)]
+    #[arg(long, value_parser = clap::value_parser!(i64).range(1..=100), default_value_t = 3)]
     members: i64,
     /// Of everything drawn
     #[arg(long, default_value_t = 0)]
@@ -78,25 +79,25 @@ pub(crate) struct Options {
 #[derive(Debug, clap::Args)]
 struct Knobs {
     /// Rationality: preferences follow σ(beta · difference); without it they are always right
-    #[arg(long)]
+    #[arg(long, value_parser = number32(0.0..=1e6))]
     beta: Option<f32>,
     /// Discount of the past: below 1 the end of a clip weighs more
-    #[arg(long)]
+    #[arg(long, value_parser = number32(f32::EPSILON..=1.0))]
     gamma: Option<f32>,
     /// Share of preferences that are turned round
-    #[arg(long)]
+    #[arg(long, value_parser = number(0.0..=1.0))]
     eps_mistake: Option<f64>,
     /// What a step at the edge of the road costs, in tiles
-    #[arg(long)]
+    #[arg(long, value_parser = number32(0.0..=1e6))]
     care: Option<f32>,
     /// Doubt above which a query is skipped
-    #[arg(long)]
+    #[arg(long, value_parser = number32(0.0..=1e6))]
     eps_skip: Option<f32>,
     /// Difference below which clips are equal
-    #[arg(long)]
+    #[arg(long, value_parser = number32(0.0..=1e6))]
     eps_equal: Option<f32>,
     /// Share of safety judgements that are turned round
-    #[arg(long)]
+    #[arg(long, value_parser = number(0.0..=1.0))]
     eps_safety: Option<f64>,
 }
 
@@ -115,45 +116,71 @@ impl Knobs {
     }
 }
 
-fn parse_protocol(text: &str) -> Result<Protocol, String> {
-    match text {
-        "drop" => Ok(Protocol::Drop),
-        "drope" => Ok(Protocol::Drope),
-        "dropj" => Ok(Protocol::Dropj),
-        "dropj-multi" => Ok(Protocol::DropjMulti),
-        "request" => Ok(Protocol::Request),
-        "dros" => Ok(Protocol::Dros),
-        _ => Err("the protocols are drop, drope, dropj, dropj-multi, request and dros".to_owned()),
-    }
-}
+/// The protocols by their names here.
+const PROTOCOLS: &[(&str, Protocol)] = &[
+    ("drop", Protocol::Drop),
+    ("drope", Protocol::Drope),
+    ("dropj", Protocol::Dropj),
+    ("dropj-multi", Protocol::DropjMulti),
+    ("request", Protocol::Request),
+    ("dros", Protocol::Dros),
+];
 
-fn parse_choice(text: &str) -> Result<Strategy, String> {
-    match text {
-        "uniform" => Ok(Strategy::Uniform),
-        "balanced" => Ok(Strategy::Balanced),
-        "disagreement" => Ok(Strategy::Disagreement),
-        "boundary" => Ok(Strategy::SafetyBoundary),
-        _ => Err("pairs are chosen by uniform, balanced, disagreement or boundary".to_owned()),
-    }
-}
+/// The ways to choose pairs by their names here.
+const CHOICES: &[(&str, Strategy)] = &[
+    ("uniform", Strategy::Uniform),
+    ("balanced", Strategy::Balanced),
+    ("disagreement", Strategy::Disagreement),
+    ("boundary", Strategy::SafetyBoundary),
+];
 
-fn parse_manner(text: &str) -> Result<Manner, String> {
-    match text {
-        "exploring" => Ok(Manner::Exploring),
-        "touring" => Ok(Manner::Touring),
-        _ => Err("a player is exploring or touring".to_owned()),
-    }
-}
+/// What players are after, by its name here.
+const MANNERS: &[(&str, Manner)] = &[("exploring", Manner::Exploring), ("touring", Manner::Touring)];
 
-/// A justification and its weight.
-pub(super) fn parse_weight(text: &str) -> Result<(String, f32), String> {
-    let (name, weight) = text.split_once('=').ok_or("a weight is written name=number")?;
-    let weight = weight.parse().map_err(|_| format!("{weight:?} is not a number"))?;
-    Ok((name.to_owned(), weight))
+/// No session is larger than so many steps in all: they are kept in memory while they are played.
+const MOST_STEPS: usize = 10_000_000;
+
+/// Whether the numbers fit each other, as far as that can be said before anything is read.
+fn check(options: &Options, n_queries: usize, n_dreams: usize) -> anyhow::Result<()> {
+    anyhow::ensure!(
+        options.undo <= n_queries,
+        "{} answers cannot be taken back where there are {n_queries}: choose another --undo",
+        options.undo
+    );
+    anyhow::ensure!(
+        n_dreams.saturating_mul(options.steps) <= MOST_STEPS,
+        "{n_dreams} dreams of {} steps are more than the {MOST_STEPS} steps that one simulation plays",
+        options.steps
+    );
+    anyhow::ensure!(
+        (1..=n_dreams).contains(&options.rounds),
+        "each round plays a dream: with {n_dreams} dreams there are 1 to {n_dreams} rounds, not {}",
+        options.rounds
+    );
+    let is_sparse = options.protocol.first().is_some_and(|protocol| protocol.is_sparse());
+    anyhow::ensure!(!is_sparse || options.rounds == 1, "rounds are for preferences: verdicts have none");
+    let n_sparse = options.protocol.iter().filter(|protocol| protocol.is_sparse()).count();
+    anyhow::ensure!(
+        n_sparse == 0 || options.protocol.len() == 1,
+        "transitions are labeled in a session of their own: name one protocol"
+    );
+    let weights = Justifications::new(options.weights.iter().cloned());
+    anyhow::ensure!(
+        options.weights.is_empty() || weights.is_ok(),
+        weights.err().map_or_else(String::new, |e| e.to_string())
+    );
+    Ok(())
 }
 
 pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
     let env = options.env;
+    let is_sparse = options.protocol.first().is_some_and(|protocol| protocol.is_sparse());
+    let papers = match env {
+        EnvName::CarRacing => SimulateConfig::car_racing(Protocol::default(), options.seed),
+        _ => SimulateConfig::obstacle_car_racing(Protocol::default(), options.seed),
+    };
+    let usual = if is_sparse { verdicts::N_QUERIES } else { papers.n_queries };
+    check(options, options.queries.unwrap_or(usual), options.dreams.unwrap_or(papers.n_dreams))?;
     let world = options.world.clone().unwrap_or_else(|| models::world_model_asset(env));
     let model = models::world_model(&world)?;
     models::require(&model, env)?;
@@ -189,16 +216,6 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
         strategy: options.choice,
         ..papers
     };
-    anyhow::ensure!(!is_sparse || config.n_rounds == 1, "rounds are for preferences: verdicts have none");
-    anyhow::ensure!(
-        (1..=config.n_dreams).contains(&config.n_rounds),
-        "each round plays a dream: with {} dreams there are 1 to {0} rounds, not {}",
-        config.n_dreams,
-        config.n_rounds
-    );
-    for p in [config.annotator.eps_mistake, config.annotator.eps_safety] {
-        anyhow::ensure!((0.0..=1.0).contains(&p), "a probability lies between 0 and 1, not {p}");
-    }
     anyhow::ensure!(
         !model.starts().is_empty(),
         "the world model {world:?} has no states to start dreams from"

@@ -32,9 +32,10 @@ pub(crate) struct Options {
 }
 
 pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
-    let text = std::fs::read_to_string(&options.actions)
+    let bytes = std::fs::read(&options.actions)
         .with_context(|| format!("cannot read the actions {:?}", options.actions))?;
-    let actions = parse(&text).with_context(|| format!("in the actions {:?}", options.actions))?;
+    let actions = parse(&dropj::text::decoded(&bytes))
+        .with_context(|| format!("in the actions {:?}", options.actions))?;
     let seed = Seed::Gym { env: options.gym_seed, python: options.python_seed };
     let aids = options.aids.aids();
     let mut env: Box<dyn Traced> = match options.env {
@@ -77,9 +78,15 @@ fn parse(text: &str) -> anyhow::Result<Vec<[f64; 3]>> {
     for (i, line) in text.lines().enumerate().filter(|(_, line)| !line.trim().is_empty()) {
         let numbers: Vec<_> = line.split(',').take(3).map(|cell| cell.trim().parse::<f64>()).collect();
         match numbers.as_slice() {
-            [Ok(steer), Ok(gas), Ok(brake)] => actions.push([*steer, *gas, *brake]),
+            [Ok(steer), Ok(gas), Ok(brake)] if [steer, gas, brake].iter().all(|x| x.is_finite()) => {
+                actions.push([*steer, *gas, *brake]);
+            }
             _ if i == 0 => {}
-            _ => anyhow::bail!("line {} does not begin with three numbers: {line:?}", i + 1),
+            _ => anyhow::bail!(
+                "line {} does not begin with three numbers: {}",
+                i + 1,
+                dropj::text::shown(line)
+            ),
         }
     }
     Ok(actions)

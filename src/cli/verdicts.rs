@@ -45,11 +45,12 @@ pub(super) fn run(
         };
     }
     let secs = started.elapsed().as_secs_f64();
+    let annotator = store.header().config.annotator.clone();
     for &AnsweredTransition { query, transition, response } in &simulated.answers {
         let wanted = simulated.wanted.get(transition.dream.0 as usize);
         let choice = wanted.map_or(Choice::Uniform, |acquisition| Choice::Synthesized(*acquisition));
         store.record(Event::AskedTransition { query, transition, choice })?;
-        store.record(Event::Answered(Answer::new(query, response, 0.0, "simulated")))?;
+        store.record(Event::Answered(Answer::new(query, response, 0.0, &annotator)))?;
     }
     let fit = fit_sparse(store, model, learning, config.seed)?;
     let [n_unsafe, n_neutral, n_good] = Verdict::ALL.map(|verdict| simulated.n(verdict));

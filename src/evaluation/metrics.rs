@@ -95,10 +95,10 @@ pub struct MeanSd {
 }
 
 impl MeanSd {
-    /// Of all `values` that are there and are numbers; nothing where none is.
+    /// Of all `values` that are there and are finite numbers; nothing where none is.
     pub fn of(values: impl IntoIterator<Item = Option<f32>>) -> Option<Self> {
         let values: Vec<f64> =
-            values.into_iter().flatten().filter(|value| !value.is_nan()).map(f64::from).collect();
+            values.into_iter().flatten().filter(|value| value.is_finite()).map(f64::from).collect();
         if values.is_empty() {
             return None;
         }

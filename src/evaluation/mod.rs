@@ -6,6 +6,7 @@ pub mod agreement;
 pub mod fidelity;
 pub mod metrics;
 pub mod ranking;
+pub mod results;
 pub mod significance;
 pub mod table;
 
@@ -20,7 +21,8 @@ use crate::world_model::WorldModel;
 pub use agreement::{Agreement, kappa};
 pub use metrics::{EpisodeMetrics, MeanSd, Summary, Tally};
 pub use ranking::auc;
-pub use significance::{Dunn, KruskalWallis, dunn, kruskal_wallis};
+pub use results::Results;
+pub use significance::{Dunn, KruskalWallis, Untested, dunn, kruskal_wallis, untested};
 pub use table::{aligned, table};
 
 /// Which track each episode has: that of the seed plus its number, whatever the method.

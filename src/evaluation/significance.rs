@@ -26,6 +26,42 @@ pub struct Dunn {
     pub p: f64,
 }
 
+/// Why groups cannot be compared.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Untested {
+    /// There is nothing to compare with.
+    FewerThanTwo,
+    /// The group of this number has no value.
+    Empty(usize),
+    /// Each has a single value: no rank can tell a difference from chance.
+    OneEach,
+    /// All values are one.
+    AllEqual,
+}
+
+/// Why [`kruskal_wallis`] and [`dunn`] say nothing of such groups, or nothing that means anything.
+///
+/// ```
+/// use dropj::evaluation::{Untested, untested};
+///
+/// assert_eq!(untested(&[&[1.0, 1.0], &[1.0]]), Some(Untested::AllEqual));
+/// assert_eq!(untested(&[&[1.0, 2.0], &[1.0]]), None);
+/// ```
+pub fn untested(groups: &[&[f64]]) -> Option<Untested> {
+    if groups.len() < 2 {
+        return Some(Untested::FewerThanTwo);
+    }
+    if let Some(empty) = groups.iter().position(|group| group.is_empty()) {
+        return Some(Untested::Empty(empty));
+    }
+    let mut values = groups.iter().copied().flatten();
+    let first = values.next();
+    if values.all(|value| Some(value) == first) {
+        return Some(Untested::AllEqual);
+    }
+    groups.iter().all(|group| group.len() == 1).then_some(Untested::OneEach)
+}
+
 /// The ranks of all groups together.
 struct Ranks {
     /// The mean rank of each group, and how many values it has.
@@ -173,6 +209,7 @@ mod tests {
     fn where_nothing_can_differ_nothing_is_said() {
         for groups in [&[&[1.0, 2.0][..]][..], &[&[1.0], &[]], &[&[3.0, 3.0], &[3.0]]] {
             assert_eq!((kruskal_wallis(groups), dunn(groups)), (None, vec![]));
+            assert!(untested(groups).is_some(), "and why: {groups:?}");
         }
     }
 }

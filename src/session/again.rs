@@ -45,16 +45,19 @@ impl Session {
 
     /// What was said first and what was said again by the same annotator, both as of the first query's sides.
     pub fn repeated(&self, annotator: Option<&str>) -> impl Iterator<Item = (Response, Response)> {
-        self.queries().iter().filter_map(move |again| {
-            let first = self.query(again.repeats()?)?;
-            let (one, other) = (&first.answer()?.answer, &again.answer()?.answer);
-            let is_meant = annotator.is_none_or(|name| one.annotator == name);
-            if one.annotator != other.annotator || !is_meant {
-                return None;
-            }
-            let is_swapped = first.query.left != again.query.left;
-            let response = if is_swapped { other.response.mirrored() } else { other.response };
-            Some((one.response, response))
-        })
+        let is_meant = move |again: &&AskedQuery| {
+            let who = again.answer().map(|given| given.answer.annotator.as_str());
+            annotator.is_none() || who == annotator
+        };
+        self.queries().iter().filter(is_meant).filter_map(|again| self.repeated_by(again))
+    }
+
+    /// The same of one query that repeats another.
+    pub(super) fn repeated_by(&self, again: &AskedQuery) -> Option<(Response, Response)> {
+        let first = self.query(again.repeats()?)?;
+        let (one, other) = (&first.answer()?.answer, &again.answer()?.answer);
+        let is_swapped = first.query.left != again.query.left;
+        let response = if is_swapped { other.response.mirrored() } else { other.response };
+        (one.annotator == other.annotator).then_some((one.response, response))
     }
 }

@@ -1,11 +1,13 @@
 //! Who answered, how fast and how steadily, and how far those agree who answered the same queries.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::fmt::Write as _;
 
 use crate::evaluation::Agreement;
-use crate::query::{Response, SkipReason, Transition};
+use crate::query::{Query, Response, SkipReason, Transition};
+use crate::session::statistics::IDLE_SECS;
 use crate::session::{AskedQuery, Session};
+use crate::text::cell;
 
 /// One who answered.
 #[derive(Clone, Debug, PartialEq)]
@@ -20,7 +22,7 @@ pub struct AnnotatorReport {
     pub n_hallucinated: usize,
     /// Seconds spent with queries, those asked again included, at most a minute with each.
     pub active_secs: f32,
-    /// The time of the middle answer, skips left out.
+    /// The time of the middle answer, skips left out; at most a minute.
     pub median_secs: Option<f32>,
     /// How far they said the same when they were asked again.
     pub consistency: Option<Agreement>,
@@ -29,7 +31,8 @@ pub struct AnnotatorReport {
 impl AnnotatorReport {
     /// Usable labels an hour, once some time was spent.
     pub fn labels_per_hour(&self) -> Option<f32> {
-        (self.active_secs > 0.0).then(|| 3600.0 * self.n_answered as f32 / self.active_secs)
+        let rate = 3600.0 * self.n_answered as f32 / self.active_secs;
+        rate.is_finite().then_some(rate)
     }
 }
 
@@ -40,7 +43,48 @@ pub struct Annotators {
     pub each: Vec<AnnotatorReport>,
     /// Any two who answered the same queries, and how far they agree.
     pub pairs: Vec<([String; 2], Agreement)>,
+    /// What whoever reads this should know: sessions that hold the same answers, names that occur in several.
+    pub notes: Vec<String>,
 }
+
+/// What tells an answer from every other, wherever it was copied: who gave it, when, to what, and what was said.
+#[derive(PartialEq, Eq, Hash)]
+struct Mark<'a> {
+    annotator: &'a str,
+    at: u64,
+    shown: Shown<'a>,
+    /// Nothing where only the time spent is meant.
+    said: Option<Response>,
+    secs: u32,
+}
+
+/// Answers that were met before, and how often in one session.
+#[derive(Default)]
+struct Met<'a> {
+    before: HashMap<Mark<'a>, usize>,
+    here: HashMap<Mark<'a>, usize>,
+}
+
+impl<'a> Met<'a> {
+    /// Whether this one is new: not one of those of the sessions before, which a copy holds too.
+    fn is_new(&mut self, mark: Mark<'a>) -> bool {
+        let n_before = self.before.get(&mark).copied().unwrap_or_default();
+        let n_here = self.here.entry(mark).or_default();
+        *n_here += 1;
+        *n_here > n_before
+    }
+
+    /// Goes on with the next session.
+    fn end_session(&mut self) {
+        for (mark, n) in self.here.drain() {
+            let before = self.before.entry(mark).or_default();
+            *before = n.max(*before);
+        }
+    }
+}
+
+/// Nobody's name: what answers are called until somebody gives one.
+const NOBODY: [&str; 2] = ["anonymous", ""];
 
 /// A segment by the content of its dream, whatever its number in a session.
 type Place<'a> = (&'a str, usize);
@@ -63,8 +107,10 @@ struct Work<'a> {
 impl Annotators {
     /// Those of `sessions`, each with a name by which its annotators are called where they are given none of their own.
     ///
-    /// Answers of one name are those of one person, in whatever session.
+    /// Answers of one name are those of one person, in whatever session; one that is called so itself gives its name to
+    /// its annotator, or to each of several behind their own.
     /// Two queries are the same where they show the same segments of the same dreams, on whichever side.
+    /// An answer that stands in several sessions, because one is a copy or was put together from others, counts once.
     ///
     /// # Examples
     ///
@@ -76,20 +122,89 @@ impl Annotators {
     /// assert!(Annotators::of(&[(None, &session)]).each.is_empty(), "nobody has answered yet");
     /// ```
     pub fn of(sessions: &[(Option<&str>, &Session)]) -> Self {
-        let mut work: BTreeMap<String, Work<'_>> = BTreeMap::new();
-        for (called, session) in sessions {
-            let name = |annotator: &str| called.unwrap_or(annotator).to_owned();
-            for (annotator, secs) in session.active_secs() {
-                let work = work.entry(name(annotator)).or_default();
-                work.active_secs += secs;
-                work.repeated.extend(session.repeated(Some(annotator)));
+        let name = |i: usize, annotator: &str| {
+            let (called, session): (Option<&str>, &Session) = sessions[i];
+            match called {
+                None => annotator.to_owned(),
+                Some(called) if session.active_secs().count() <= 1 => called.to_owned(),
+                Some(called) => format!("{annotator} in {called}"),
             }
-            for asked in session.queries().iter().filter(|asked| asked.repeats().is_none()) {
-                let Some(given) = asked.answer() else { continue };
-                work.entry(name(&given.answer.annotator)).or_default().take(session, asked);
+        };
+        let (mut found, new) =
+            Self::named(&sessions.iter().map(|(_, session)| *session).collect::<Vec<_>>(), name);
+        let called = sessions.iter().filter_map(|(called, session)| Some(((*called)?, *session)));
+        found.notes.extend(copies(called, &new));
+        found
+    }
+
+    /// Those of sessions by their unmistakable names, such as [`distinct`](crate::text::distinct) gives them.
+    ///
+    /// A name is one person in all of them, which [`Self::notes`] tells, but for those who gave none: they are called
+    /// after their sessions.
+    pub fn of_sessions(sessions: &[(String, &Session)]) -> Self {
+        let all: Vec<_> = sessions.iter().map(|(_, session)| *session).collect();
+        let is_nobody = |annotator: &str| NOBODY.contains(&annotator.trim());
+        let answered = |annotator: &str| {
+            all.iter().filter(|session| session.active_secs().any(|(name, _)| name == annotator)).count()
+        };
+        let (mut found, new) = Self::named(&all, |i, annotator| {
+            if is_nobody(annotator) && answered(annotator) > 1 {
+                format!("{annotator} in {}", sessions[i].0)
+            } else {
+                annotator.to_owned()
             }
+        });
+        found.notes.extend(copies(sessions.iter().map(|(name, session)| (name.as_str(), *session)), &new));
+        let mut places: BTreeMap<&str, Vec<&str>> = BTreeMap::new();
+        for ((name, _), new) in sessions.iter().zip(&new) {
+            new.iter()
+                .filter(|who| !is_nobody(who))
+                .for_each(|who| places.entry(who).or_default().push(name));
         }
-        let default = sessions.first().map(|(_, session)| session.weights().justifications.default());
+        for (who, sessions) in places.into_iter().filter(|(_, sessions)| sessions.len() > 1) {
+            found.notes.push(format!("{who} in {} is taken for one person", sessions.join(" and ")));
+        }
+        found
+    }
+
+    /// Those of `sessions` by the names that `name` gives to an annotator of the session of this number; and who gave
+    /// answers in each that are in none before it.
+    fn named<'a>(
+        sessions: &[&'a Session],
+        name: impl Fn(usize, &str) -> String,
+    ) -> (Self, Vec<BTreeSet<&'a str>>) {
+        let mut work: BTreeMap<String, Work<'a>> = BTreeMap::new();
+        let (mut met, mut new) = (Met::default(), Vec::new());
+        for (i, session) in sessions.iter().enumerate() {
+            let mut answered = BTreeSet::new();
+            for spent in &session.spent {
+                let Some(asked) = session.query(spent.query) else { continue };
+                let (annotator, shown) = (spent.annotator.as_str(), session.shown(asked).0);
+                let mark = Mark { annotator, at: spent.at, shown, said: None, secs: spent.secs.to_bits() };
+                if met.is_new(mark) {
+                    work.entry(name(i, annotator)).or_default().active_secs += spent.secs.min(IDLE_SECS);
+                    answered.insert(annotator);
+                }
+            }
+            for asked in session.queries() {
+                let Some(given) = asked.answer() else { continue };
+                let (annotator, shown) = (given.answer.annotator.as_str(), session.shown(asked).0);
+                let said = Some(given.answer.response);
+                let mark = Mark { annotator, at: given.at, shown, said, secs: given.answer.secs.to_bits() };
+                if !met.is_new(mark) {
+                    continue;
+                }
+                let work = work.entry(name(i, annotator)).or_default();
+                if asked.repeats().is_some() {
+                    work.repeated.extend(session.repeated_by(asked));
+                } else {
+                    work.take(session, asked);
+                }
+            }
+            met.end_session();
+            new.push(answered);
+        }
+        let default = sessions.first().map(|session| session.weights().justifications.default());
         let agreement = |pairs: &[(Response, Response)]| Agreement::of(pairs, default?);
         let report = |(name, work): (&String, &Work<'_>)| AnnotatorReport {
             name: name.clone(),
@@ -111,7 +226,7 @@ impl Annotators {
                 }
             }
         }
-        Self { each, pairs }
+        (Self { each, pairs, notes: Vec::new() }, new)
     }
 
     /// A table: a line for each annotator, compared with themselves, and then one for any two of them.
@@ -132,7 +247,7 @@ impl Annotators {
             let hours = one.active_secs / 3600.0;
             let (rate, median) =
                 (number(one.labels_per_hour().map(f64::from)), number(one.median_secs.map(f64::from)));
-            let name = quoted(&one.name);
+            let name = cell(&one.name);
             let found = compared(one.consistency);
             writeln!(
                 csv,
@@ -141,7 +256,7 @@ impl Annotators {
             .ok();
         }
         for ([one, other], agreement) in &self.pairs {
-            writeln!(csv, "{},{},,,,,,,{}", quoted(one), quoted(other), compared(Some(*agreement))).ok();
+            writeln!(csv, "{},{},,,,,,,{}", cell(one), cell(other), compared(Some(*agreement))).ok();
         }
         csv
     }
@@ -155,23 +270,37 @@ impl<'a> Work<'a> {
                 self.n_skipped += 1;
                 self.n_hallucinated += usize::from(reason == Some(SkipReason::Hallucinated));
             }
-            _ => self.secs.push(answer.secs),
+            // Whoever took an hour was elsewhere, and nobody takes longer than the world has been there.
+            _ => self.secs.push(answer.secs.min(IDLE_SECS)),
         }
-        let dreams = session.dreams();
-        // A transition is where it is, whatever clip shows it.
-        let places = match asked.transition {
-            Some(Transition { dream, step, .. }) => [(dream, step); 2],
-            None => [asked.query.left, asked.query.right].map(|segment| (segment.dream, segment.start)),
-        };
-        let [left, right] = places.map(|(dream, step)| (dreams[dream.0 as usize].sha256.as_str(), step));
-        let (at, said) = if left <= right {
-            ([left, right], answer.response)
-        } else {
-            ([right, left], answer.response.mirrored())
-        };
-        let step = asked.transition.map(|transition| transition.step);
-        self.said.entry((at, step)).or_insert(said);
+        let (shown, is_turned) = session.shown(asked);
+        let said = if is_turned { answer.response.mirrored() } else { answer.response };
+        self.said.entry(shown).or_insert(said);
     }
+}
+
+impl Session {
+    /// What a query shows, with the lesser place first, and whether that turns its sides round.
+    fn shown(&self, asked: &AskedQuery) -> (Shown<'_>, bool) {
+        // A transition is where it is, whatever clip shows it.
+        let Query { left, right, .. } = asked.query;
+        let clips = [left, right].map(|segment| (segment.dream, segment.start));
+        let places = asked.transition.map_or(clips, |Transition { dream, step, .. }| [(dream, step); 2]);
+        let [left, right] = places.map(|(dream, step)| (self.dreams[dream.0 as usize].sha256.as_str(), step));
+        let step = asked.transition.map(|transition| transition.step);
+        if left <= right { (([left, right], step), false) } else { (([right, left], step), true) }
+    }
+}
+
+/// What is to be known of sessions that give nothing `new`.
+fn copies<'a>(sessions: impl Iterator<Item = (&'a str, &'a Session)>, new: &[BTreeSet<&str>]) -> Vec<String> {
+    let is_copy = |session: &Session, new: &BTreeSet<&str>| new.is_empty() && !session.spent.is_empty();
+    let copies = sessions.zip(new).filter(|((_, session), new)| is_copy(session, new));
+    copies
+        .map(|((name, _), _)| {
+            format!("the answers of {name} all stand in the sessions before it, and count once")
+        })
+        .collect()
 }
 
 /// The middle number, or the mean of the middle two.
@@ -180,14 +309,6 @@ fn median(numbers: &[f32]) -> Option<f32> {
     sorted.sort_by(f32::total_cmp);
     let n = sorted.len();
     (n > 0).then(|| f32::midpoint(sorted[(n - 1) / 2], sorted[n / 2]))
-}
-
-fn quoted(text: &str) -> String {
-    if text.contains([',', '"', '\n', '\r']) {
-        format!("\"{}\"", text.replace('"', "\"\""))
-    } else {
-        text.to_owned()
-    }
 }
 
 /// The dreams that sessions have in common are what makes their answers comparable.
@@ -292,5 +413,46 @@ mod tests {
         "Monday, early",Tuesday,,,,,,,1,0,1,0,0,0
         "#);
         assert!(share_dreams(&once, &again), "they have a dream in common");
+    }
+
+    #[test]
+    fn an_answer_that_was_copied_counts_once() {
+        let said =
+            [([(0, 5), (0, 7)], LEFT, 4.0), ([(0, 5), (0, 7)], LEFT, 4.0), ([(0, 9), (0, 7)], RIGHT, 3e38)];
+        let once = session(&["one"], &said, "anna");
+        let alone = Annotators::of(&[(None, &once)]);
+        assert_eq!((alone.each[0].n_answered, alone.each[0].active_secs), (3, 68.0), "the same answer twice");
+        let named = [("a".to_owned(), &once), ("b".to_owned(), &once)];
+        let both = Annotators::of_sessions(&named);
+        assert_eq!(both.each, alone.each);
+        assert_eq!(both.notes, ["the answers of b all stand in the sessions before it, and count once"]);
+    }
+
+    #[test]
+    fn those_without_a_name_are_told_apart_by_their_sessions() {
+        let one = session(&["one"], &[([(0, 5), (0, 7)], LEFT, 4.0)], "anonymous");
+        let other = session(&["one"], &[([(0, 5), (0, 7)], RIGHT, 6.0)], "anonymous");
+        let found = Annotators::of_sessions(&[("a".to_owned(), &one), ("b".to_owned(), &other)]);
+        let names: Vec<_> = found.each.iter().map(|one| one.name.as_str()).collect();
+        assert_eq!(
+            (names, found.pairs.len(), found.notes.len()),
+            (vec!["anonymous in a", "anonymous in b"], 1, 0)
+        );
+        let anna = session(&["one"], &[([(0, 5), (0, 7)], LEFT, 4.0)], "anna");
+        let again = session(&["one"], &[([(0, 5), (0, 7)], LEFT, 5.0)], "anna");
+        let found = Annotators::of_sessions(&[("a".to_owned(), &anna), ("b".to_owned(), &again)]);
+        assert_eq!(found.each.len(), 1);
+        assert_eq!(found.notes, ["anna in a and b is taken for one person"]);
+    }
+
+    #[test]
+    fn a_session_of_several_keeps_their_names_apart() {
+        let mut both =
+            session(&["one"], &[([(0, 5), (0, 7)], LEFT, 4.0), ([(0, 1), (0, 7)], LEFT, 4.0)], "anna");
+        let answer = Answer::new(QueryId(1), RIGHT, 1.0, "ben");
+        both.apply(&Entry { event: Event::Answered(answer), seq: both.n_entries(), at: 0 }).unwrap();
+        let found = Annotators::of(&[(Some("both"), &both)]);
+        let names: Vec<_> = found.each.iter().map(|one| one.name.as_str()).collect();
+        assert_eq!(names, ["anna in both", "ben in both"]);
     }
 }

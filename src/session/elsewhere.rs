@@ -11,7 +11,8 @@ use crate::session::header::Header;
 use crate::session::look;
 use crate::session::merge::relative;
 use crate::session::new::NewSession;
-use crate::session::store::{self, SessionStore, WORLD_MODEL_FILE, read_hashed, tidied};
+use crate::session::store::{SessionStore, read_hashed, tidied};
+use crate::session::worlds::{self, WORLD_MODEL_FILE};
 use crate::tensor::{Parameters, sha256};
 
 /// A session that was written to another place.
@@ -104,8 +105,7 @@ impl SessionStore {
     /// Where the world model is, from the folder `out`.
     fn hint_from(&self, out: &Path) -> Option<String> {
         let hint = self.header().world_model_path.as_ref()?;
-        let named =
-            store::world_model_path(self.dir(), self.header()).filter(|path| path.starts_with(self.dir()));
+        let named = worlds::find(self.dir(), self.header()).filter(|path| path.starts_with(self.dir()));
         let is_own = named.is_some_and(|path| path.ends_with(WORLD_MODEL_FILE));
         // The folder may be gone, so the way from it is followed by name.
         let path = by_name(&std::path::absolute(self.dir()).ok()?.join(hint));

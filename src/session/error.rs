@@ -185,8 +185,24 @@ pub enum SessionError {
         /// Its log.
         path: PathBuf,
     },
+    /// There is no session in a folder, not even a damaged one.
+    #[error("there is neither a session.json nor an events.jsonl here, so this is no session: {path:?}")]
+    NoSession {
+        /// The folder.
+        path: PathBuf,
+    },
+    /// The header is lost, and nothing is known to make it anew of.
+    #[error(
+        "the session's header is lost: {met}; give the world model it was dreamed with by --world: {path:?}"
+    )]
+    LostHeader {
+        /// What was met.
+        met: String,
+        /// Its path.
+        path: PathBuf,
+    },
     /// The header cannot be understood.
-    #[error("cannot read the session's header: {met}: {path:?}")]
+    #[error("cannot read the session's header: {met}; `dropj repair` keeps what can be read: {path:?}")]
     Header {
         /// What was met.
         met: String,
@@ -215,8 +231,8 @@ pub enum SessionError {
     },
     /// The session's world model is nowhere to be found.
     #[error(
-        "cannot find the world model {hash} of this session; put it there as world_model.safetensors, or give it with \
-         --world: {path:?}"
+        "cannot find the world model {hash} of this session, neither in its folder nor beside it nor among those that are \
+         shipped; put it there as world_model.safetensors, or give it with --world: {path:?}"
     )]
     NoWorldModel {
         /// The hash in the session.
@@ -225,7 +241,9 @@ pub enum SessionError {
         path: PathBuf,
     },
     /// A line of the log is not an event.
-    #[error("line {line} of the session log is not an event: {met}: {path:?}")]
+    #[error(
+        "line {line} of the session log is not an event: {met}; `dropj repair` keeps what can be read: {path:?}"
+    )]
     Line {
         /// Which line, the first being 1.
         line: usize,
@@ -235,7 +253,9 @@ pub enum SessionError {
         path: PathBuf,
     },
     /// A line of the log tells what cannot have happened.
-    #[error("line {line} of the session log cannot be: {why}: {path:?}")]
+    #[error(
+        "line {line} of the session log cannot be: {why}: `dropj repair` keeps what can be read: {path:?}"
+    )]
     ImpossibleLine {
         /// Which line, the first being 1.
         line: usize,
@@ -246,7 +266,7 @@ pub enum SessionError {
     },
     /// An event cannot be recorded.
     #[error("cannot record this: {0}")]
-    Impossible(#[from] Impossible),
+    Impossible(Impossible),
     /// There is no such dream.
     #[error("the session has no dream {}", .0.0)]
     NoDream(DreamId),
@@ -296,6 +316,13 @@ pub enum SessionError {
         /// Its path.
         path: PathBuf,
     },
+}
+
+impl From<Impossible> for SessionError {
+    /// Said whole by the error itself, so that it is no cause besides.
+    fn from(why: Impossible) -> Self {
+        Self::Impossible(why)
+    }
 }
 
 impl SessionError {

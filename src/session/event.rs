@@ -266,7 +266,12 @@ impl Entry {
 
     /// The entry in `line`, which must contain nothing else.
     pub(crate) fn from_line(line: &[u8]) -> Result<Self, LineError> {
-        let mut fields: serde_json::Value = serde_json::from_slice(line).map_err(LineError::Torn)?;
+        let fields = serde_json::from_slice(line).map_err(LineError::Torn)?;
+        Self::from_value(fields)
+    }
+
+    /// The entry that such an object tells of.
+    pub(crate) fn from_value(mut fields: serde_json::Value) -> Result<Self, LineError> {
         let mut number = |name: &str| {
             let taken = fields.as_object_mut().and_then(|fields| fields.remove(name));
             let number = taken.as_ref().and_then(serde_json::Value::as_u64);

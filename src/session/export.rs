@@ -6,12 +6,13 @@ use crate::planner::synthesis::Acquisition;
 use crate::query::{Preference, Response, SafetyAnswer, SkipReason, Verdict, Weights};
 use crate::session::event::Choice;
 use crate::session::{AskedQuery, Given, Session};
+use crate::text::cell;
 
 /// The answers that count, skips among them, in the order of answering: what was said, and μ by the present weights.
 ///
 /// What was only asked again teaches nothing and has no μ.
 ///
-/// One line of names, then one line an answer; commas between, quotes where needed (RFC 4180).
+/// One line of names, then one line an answer; commas between, and names as [`cell`] has them.
 pub fn labels_csv(session: &Session) -> String {
     let mut csv = String::from(
         "query,left_dream,left_start,right_dream,right_start,choice,protocol,skipped,left_safe,right_safe,justification,\
@@ -62,7 +63,7 @@ fn write_row(csv: &mut String, asked: &AskedQuery, given: &Given, weights: &Weig
         mu,
         answer.secs.to_string(),
         answer.loops.to_string(),
-        quoted(&answer.annotator),
+        cell(&answer.annotator),
         answer.sides_swapped.to_string(),
         step(answer.left_unsafe_from),
         step(answer.right_unsafe_from),
@@ -83,7 +84,7 @@ fn said(response: Response, weights: &Weights) -> [String; 5] {
     };
     let name = |justification| {
         let named = weights.justifications.iter().find(|(this, ..)| *this == justification);
-        quoted(named.map_or("", |(_, name, _)| name))
+        cell(named.map_or("", |(_, name, _)| name))
     };
     let said = match response {
         Response::Skipped(reason) => {
@@ -115,13 +116,5 @@ fn made_to_be(acquisition: Acquisition) -> &'static str {
         Acquisition::MaxReward => "synthesized: max_reward",
         Acquisition::MinReward => "synthesized: min_reward",
         Acquisition::Novelty => "synthesized: novelty",
-    }
-}
-
-fn quoted(text: &str) -> String {
-    if text.contains([',', '"', '\n', '\r']) {
-        format!("\"{}\"", text.replace('"', "\"\""))
-    } else {
-        text.to_owned()
     }
 }

@@ -8,6 +8,7 @@ use crate::query::{Protocol, Weights};
 use crate::session::check::check_weights;
 use crate::session::error::SessionError;
 use crate::session::{Session, arrays};
+use crate::text::{is_utf16, trimmed};
 
 /// The format of sessions that this program writes; it reads those before it too, for it only added events.
 ///
@@ -103,14 +104,35 @@ impl Header {
     /// The head of the session in `dir`.
     pub fn read(dir: &Path) -> Result<Self, SessionError> {
         let path = dir.join(FILE);
-        let wrong = |met| SessionError::Header { met, path: path.clone() };
         let bytes = std::fs::read(&path).map_err(SessionError::disk("read the session's header", &path))?;
-        let value: serde_json::Value = serde_json::from_slice(&bytes).map_err(|e| wrong(e.to_string()))?;
+        Self::parse(&bytes, &path)
+    }
+
+    /// The head in the bytes of its file, wherever it lies: a pure function, which takes whatever bytes there are.
+    pub fn parse(bytes: &[u8], path: &Path) -> Result<Self, SessionError> {
+        let wrong = |met: String| SessionError::Header { met, path: path.to_owned() };
+        let text = trimmed(bytes);
+        if text.iter().all(|&byte| byte == 0) {
+            let met = if text.is_empty() { "it is empty" } else { "there is nothing but zeros in it" };
+            return Err(wrong(met.to_owned()));
+        }
+        if is_utf16(text) {
+            return Err(wrong("it is stored as UTF-16, and the header is UTF-8".to_owned()));
+        }
+        let value: serde_json::Value = serde_json::from_slice(text).map_err(|e| wrong(e.to_string()))?;
         // Before anything else: another format may have other fields.
         match value.get("format").and_then(serde_json::Value::as_u64) {
             Some(found) if (1..=u64::from(FORMAT)).contains(&found) => {}
-            Some(found) => return Err(SessionError::Format { found, known: FORMAT, path }),
+            Some(0) => return Err(wrong("it is of format 0, and the first one is 1".to_owned())),
+            Some(found) => {
+                return Err(SessionError::Format { found, known: FORMAT, path: path.to_owned() });
+            }
             None => return Err(wrong("it has no number \"format\"".to_owned())),
+        }
+        for name in ["seed", "created_at"] {
+            if value.get(name).is_some_and(|number| number.as_u64().is_none()) {
+                return Err(wrong(format!("its {name:?} is not a whole number from 0 to {}", u64::MAX)));
+            }
         }
         let header: Self = serde_json::from_value(value).map_err(|e| wrong(e.to_string()))?;
         check_weights(&header.config.weights).map_err(|e| wrong(e.to_string()))?;
@@ -161,6 +183,8 @@ fn civil(days: u64) -> (u64, u64, u64) {
 
 #[cfg(test)]
 mod tests {
+    use proptest::prelude::*;
+
     use super::*;
 
     #[test]
@@ -177,6 +201,40 @@ mod tests {
         let header = Header::new("car-racing", Protocol::Dropj, 7, "sha256:00", 0);
         let text = serde_json::to_string(&Header { app: "0.1.0".to_owned(), ..header }).unwrap();
         insta::assert_snapshot!(text, @r#"{"format":3,"app":"0.1.0","env":"car-racing","protocol":"dropj","seed":7,"world_model":"sha256:00","created_at":0,"config":{"weights":{"safety":1.0,"default":0.75,"justifications":[["grass",1.0],["default",0.75]]},"annotator":"anonymous"}}"#);
+    }
+
+    proptest! {
+        #[test]
+        fn any_bytes_are_a_header_or_an_error(bytes in any::<Vec<u8>>()) {
+            drop(Header::parse(&bytes, Path::new("session.json")));
+        }
+    }
+
+    #[test]
+    fn a_mark_of_the_encoding_and_spaces_mean_nothing() {
+        let header = Header::new("car-racing", Protocol::Dropj, 7, "sha256:00", 0);
+        let text = format!("\u{feff}\r\n{}\r\n \n", serde_json::to_string(&header).unwrap());
+        assert_eq!(Header::parse(text.as_bytes(), Path::new("")).unwrap(), header);
+    }
+
+    #[test]
+    fn what_a_crash_or_a_hand_leaves_is_one_clear_sentence() {
+        let whole =
+            serde_json::to_string(&Header::new("car-racing", Protocol::Dropj, 7, "sha256:00", 0)).unwrap();
+        for (text, wanted) in [
+            (String::new(), "it is empty"),
+            ("\0".repeat(544), "there is nothing but zeros in it"),
+            (
+                whole.replace("\"seed\":7", "\"seed\":18446744073709551616"),
+                "its \"seed\" is not a whole number from 0 to",
+            ),
+            (whole.replace("\"format\":3", "\"format\":0"), "it is of format 0, and the first one is 1"),
+            (whole.replace("\"format\":3,", ""), "it has no number \"format\""),
+            (whole.replace("1.0", "0.5"), "above 0.5"),
+        ] {
+            let refused = Header::parse(text.as_bytes(), Path::new("session.json")).unwrap_err().to_string();
+            assert!(refused.contains(wanted), "{refused}");
+        }
     }
 
     #[test]

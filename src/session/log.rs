@@ -6,7 +6,10 @@ use std::path::Path;
 
 use crate::run::Appender;
 use crate::session::error::SessionError;
-use crate::session::event::{Entry, Event, LineError};
+pub(super) use crate::session::event::LineError;
+use crate::session::event::{Entry, Event};
+use crate::session::repair::has_event;
+use crate::text::{is_utf16, shown, trimmed};
 
 /// As many bytes of a log are read at first to find its last line.
 const TAIL: u64 = 1 << 12;
@@ -16,6 +19,8 @@ const TAIL: u64 = 1 << 12;
 pub struct Contents {
     /// Its lines.
     pub entries: Vec<Entry>,
+    /// Which line of the file each of them is, the first being 1: blank ones count.
+    pub lines: Vec<usize>,
     /// What stands behind the last line without being one: a write that was cut short, never acknowledged.
     pub torn: Option<String>,
     /// How many bytes the lines have.
@@ -45,7 +50,7 @@ pub fn last_at(path: &Path) -> Option<u64> {
         let n_cut =
             if start == 0 { 0 } else { bytes.iter().position(|&byte| byte == b'\n').unwrap_or(bytes.len()) };
         let mut lines = bytes[n_cut..].rsplit(|&byte| byte == b'\n');
-        let at = lines.find_map(|line| Entry::from_line(line).ok()).map(|entry| entry.at);
+        let at = lines.find_map(|line| Entry::from_line(trimmed(line)).ok()).map(|entry| entry.at);
         if at.is_some() || start == 0 {
             return at;
         }
@@ -53,23 +58,36 @@ pub fn last_at(path: &Path) -> Option<u64> {
     }
 }
 
-fn parse(bytes: &[u8], path: &Path) -> Result<Contents, SessionError> {
+/// What the bytes of a log hold, wherever it lies: a pure function, which takes whatever bytes there are.
+///
+/// A mark of the encoding, blank lines and carriage returns mean nothing and are passed over.
+pub fn parse(bytes: &[u8], path: &Path) -> Result<Contents, SessionError> {
+    if is_utf16(bytes) {
+        let met = "it is stored as UTF-16, and the log is UTF-8".to_owned();
+        return Err(SessionError::Line { line: 1, met, path: path.to_owned() });
+    }
     let mut contents = Contents::default();
     for (i, line) in bytes.split_inclusive(|&byte| byte == b'\n').enumerate() {
         let wrong = |met| SessionError::Line { line: i + 1, met, path: path.to_owned() };
         let is_last = contents.len as usize + line.len() == bytes.len();
-        let entry = match Entry::from_line(line) {
-            Ok(entry) => entry,
-            Err(LineError::Torn(_)) if is_last => {
-                contents.torn = Some(String::from_utf8_lossy(line).into_owned());
-                break;
+        let said = trimmed(line);
+        if !said.is_empty() {
+            let entry = match Entry::from_line(said) {
+                Ok(entry) => entry,
+                // Where a whole event is in it, more than half a line would be lost.
+                Err(LineError::Torn(_)) if is_last && !has_event(said) => {
+                    contents.torn = Some(String::from_utf8_lossy(line).into_owned());
+                    break;
+                }
+                Err(e) => return Err(wrong(e.to_string())),
+            };
+            let next = contents.entries.len();
+            if entry.seq != next as u64 {
+                return Err(wrong(format!("it has the number {} where {next} is next", entry.seq)));
             }
-            Err(e) => return Err(wrong(e.to_string())),
-        };
-        if entry.seq != i as u64 {
-            return Err(wrong(format!("it has the number {} where {i} is next", entry.seq)));
+            contents.entries.push(entry);
+            contents.lines.push(i + 1);
         }
-        contents.entries.push(entry);
         contents.len += line.len() as u64;
         contents.unended = !line.ends_with(b"\n");
     }
@@ -101,7 +119,7 @@ impl Log {
         file.cut(contents.len).map_err(SessionError::disk("cut a torn line off the session log", path))?;
         let mut log = Self { file, n_lines: contents.entries.len() as u64 };
         if let Some(torn) = &contents.torn {
-            log::warn!("the last line was cut short and is dropped: {torn:?}: {}", path.display());
+            log::warn!("the last line was cut short and is dropped: {}: {}", shown(torn), path.display());
         }
         if contents.unended {
             log.write(b"\n", true, "end the last line of the session log")?;
@@ -149,6 +167,13 @@ impl Log {
     pub fn n_lines(&self) -> u64 {
         self.n_lines
     }
+}
+
+/// The log at `path`, which nobody else writes as long as this is held.
+pub(super) fn hold(path: &Path) -> Result<Appender, SessionError> {
+    let file = Appender::open(path).map_err(SessionError::disk("open the session log", path))?;
+    lock(&file)?;
+    Ok(file)
 }
 
 /// Keeps other programs from writing; the system lifts this when the program ends, however it ends.
@@ -203,6 +228,11 @@ mod tests {
     }
 
     proptest! {
+        #[test]
+        fn any_bytes_are_a_log_or_an_error(bytes in any::<Vec<u8>>()) {
+            drop(parse(&bytes, Path::new("log")));
+        }
+
         #[test]
         fn what_is_appended_is_what_is_read(events in prop::collection::vec((any_event(), any::<u64>()), 0..12)) {
             let mut bytes = Vec::new();
@@ -276,6 +306,30 @@ mod tests {
         );
         let refused = parse(format!("{}\n{}\n", good(0), good(2)).as_bytes(), Path::new("log")).unwrap_err();
         assert!(refused.to_string().contains("it has the number 2 where 1 is next"), "{refused}");
+    }
+
+    #[test]
+    fn what_means_nothing_between_lines_is_passed_over() {
+        let good = |seq| Entry { event: flagged(0), seq, at: 0 }.to_line();
+        let text = format!("\u{feff}{}\r\n\r\n  \n\u{feff}{}\n\n\n", good(0), good(1));
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("events.jsonl");
+        std::fs::write(&path, &text).unwrap();
+        let (mut log, contents) = Log::open(&path).unwrap();
+        assert_eq!((contents.entries.len(), &contents.lines[..], contents.torn), (2, &[1, 4][..], None));
+        log.append(flagged(2), 3).unwrap();
+        drop(log);
+        let after = std::fs::read_to_string(&path).unwrap();
+        assert!(after.starts_with(&text), "nothing that was there is changed: {after:?}");
+        assert_eq!(read(&path).unwrap().entries.len(), 3);
+        assert_eq!(last_at(&path), Some(3));
+    }
+
+    #[test]
+    fn a_log_in_another_encoding_is_refused_and_not_cut() {
+        let text: Vec<u8> = "\u{feff}{}\n".encode_utf16().flat_map(u16::to_le_bytes).collect();
+        let refused = parse(&text, Path::new("log")).unwrap_err().to_string();
+        assert!(refused.contains("UTF-16"), "{refused}");
     }
 
     #[test]

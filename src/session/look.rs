@@ -11,6 +11,7 @@ use crate::env::Frame;
 use crate::query::DreamId;
 use crate::session::arrays::write_whole;
 use crate::session::error::SessionError;
+use crate::text::trimmed;
 
 /// The file in a session's folder.
 pub const FILE: &str = "clips.json";
@@ -64,9 +65,11 @@ impl Serialize for Look {
 impl<'de> Deserialize<'de> for Look {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
         let hex = String::deserialize(deserializer)?;
-        let pairs = hex.as_bytes().chunks(2).map(|pair| str::from_utf8(pair).unwrap_or("?"));
-        let bytes: Result<_, _> = pairs.map(|pair| u8::from_str_radix(pair, 16)).collect();
-        bytes.map(Self).map_err(|_| D::Error::custom("colors are pairs of hexadecimal digits"))
+        let digit = |byte: u8| char::from(byte).to_digit(16).map(|digit| digit as u8);
+        let (pairs, rest) = hex.as_bytes().as_chunks::<2>();
+        let bytes = pairs.iter().map(|&[high, low]| Some(16 * digit(high)? + digit(low)?)).collect();
+        let bytes: Option<Vec<u8>> = if rest.is_empty() { bytes } else { None };
+        bytes.map(Self).ok_or_else(|| D::Error::custom("colors are pairs of hexadecimal digits"))
     }
 }
 
@@ -88,20 +91,26 @@ pub(super) fn read(dir: &Path) -> Result<Option<Looks>, SessionError> {
         return Ok(None);
     }
     let text = std::fs::read(&path).map_err(SessionError::disk("read what the clips look like", &path))?;
-    let wrong = |met: String| SessionError::Looks { met, path: path.clone() };
-    let named: BTreeMap<String, Look> = serde_json::from_slice(&text).map_err(|e| wrong(e.to_string()))?;
+    parse(&text, &path).map(Some)
+}
+
+/// The looks in the bytes of such a file: a pure function, which takes whatever bytes there are.
+pub fn parse(bytes: &[u8], path: &Path) -> Result<Looks, SessionError> {
+    let wrong = |met: String| SessionError::Looks { met, path: path.to_owned() };
+    let named: BTreeMap<String, Look> =
+        serde_json::from_slice(trimmed(bytes)).map_err(|e| wrong(e.to_string()))?;
     let parse = |(name, look): (String, Look)| {
         let (dream, start) = name.split_once('/')?;
         Some(((DreamId(dream.parse().ok()?), start.parse().ok()?), look))
     };
     let looks: Option<Looks> = named.into_iter().map(parse).collect();
-    looks
-        .map(Some)
-        .ok_or_else(|| wrong("a clip is named by its dream and its first step, as in 3/120".into()))
+    looks.ok_or_else(|| wrong("a clip is named by its dream and its first step, as in 3/120".into()))
 }
 
 #[cfg(test)]
 mod tests {
+    use proptest::prelude::*;
+
     use super::*;
 
     /// A picture that grows lighter downwards from `at`.
@@ -129,5 +138,22 @@ mod tests {
         assert_eq!(read(dir.path()).unwrap(), Some(looks));
         std::fs::write(dir.path().join(FILE), r#"{"2": "00"}"#).unwrap();
         assert!(read(dir.path()).unwrap_err().to_string().contains("3/120"));
+    }
+
+    #[test]
+    fn what_is_no_color_is_refused() {
+        let look =
+            |hex: &str| parse(format!("\u{feff}{{\"4/280\":\"{hex}\"}}").as_bytes(), Path::new("clips.json"));
+        assert_eq!(look("0a").unwrap().len(), 1);
+        for hex in ["é0é", "0", "+1", "0g", "00 "] {
+            assert!(look(hex).unwrap_err().to_string().contains("hexadecimal"), "{hex:?}");
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn any_bytes_are_looks_or_an_error(bytes in any::<Vec<u8>>()) {
+            drop(parse(&bytes, Path::new("clips.json")));
+        }
     }
 }

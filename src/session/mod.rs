@@ -23,16 +23,18 @@ pub mod export;
 pub mod header;
 pub mod journal;
 pub mod log;
+pub mod look;
 pub mod merge;
 mod elsewhere;
 mod new;
 mod opened;
-mod look;
 pub mod recent;
+pub mod repair;
 pub mod replay;
 pub mod statistics;
 pub mod store;
 mod trajectories;
+pub mod worlds;
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -48,10 +50,11 @@ pub use event::{Answer, Choice, DreamSource, Entry, Event, Fit, KeptDream};
 pub use header::{Config, FORMAT, Header, date};
 pub use journal::{DreamJournal, UnfinishedDream};
 pub use look::{FILE as CLIPS_FILE, Look, Looks};
-pub use merge::{hand_on, hand_on_in, merge, merge_in, relative};
+pub use merge::{hand_on, hand_on_in, merge, merge_counted, merge_in, relative};
 pub use new::NewSession;
 pub use opened::OpenedSession;
 pub use recent::{Recent, latest, look_at, recent};
+pub use repair::{Note, Origin, Repair, repair};
 pub use replay::{REFIT_TOLERANCE, Replay, ReplayedFit, replay};
 pub use statistics::Statistics;
 pub use store::{SessionStore, now};
@@ -117,8 +120,17 @@ pub struct Session {
     held_back: u8,
     n_entries: u64,
     last_at: Option<u64>,
-    /// Seconds spent with queries by each annotator, at most [`statistics::IDLE_SECS`] with each.
-    active_secs: BTreeMap<String, f32>,
+    /// Every answer that was ever given, whatever became of it.
+    spent: Vec<Spent>,
+}
+
+/// That somebody spent time with a query.
+#[derive(Clone, Debug, PartialEq)]
+struct Spent {
+    annotator: String,
+    query: QueryId,
+    at: u64,
+    secs: f32,
 }
 
 impl Session {
@@ -134,7 +146,7 @@ impl Session {
             held_back: 0,
             n_entries: 0,
             last_at: None,
-            active_secs: BTreeMap::new(),
+            spent: Vec::new(),
         }
     }
 
@@ -164,8 +176,8 @@ impl Session {
                 self.ask(Query { id, left: clip, right: clip }, Some(transition), choice);
             }
             Event::Answered(answer) => {
-                *self.active_secs.entry(answer.annotator.clone()).or_default() +=
-                    answer.secs.min(statistics::IDLE_SECS);
+                let (annotator, query, secs) = (answer.annotator.clone(), answer.query, answer.secs);
+                self.spent.push(Spent { annotator, query, at: entry.at, secs });
                 let asked = &mut self.queries[answer.query.0 as usize];
                 asked.retracted.clear();
                 let (answer, protocol) = (answer.clone(), self.protocol);
@@ -375,7 +387,11 @@ impl Session {
 
     /// Seconds spent with queries by each annotator, at most a minute with each.
     pub fn active_secs(&self) -> impl Iterator<Item = (&str, f32)> {
-        self.active_secs.iter().map(|(annotator, secs)| (annotator.as_str(), *secs))
+        let mut active_secs: BTreeMap<&str, f32> = BTreeMap::new();
+        for spent in &self.spent {
+            *active_secs.entry(&spent.annotator).or_default() += spent.secs.min(statistics::IDLE_SECS);
+        }
+        active_secs.into_iter()
     }
 
     /// How the answering goes.

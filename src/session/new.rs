@@ -6,7 +6,8 @@ use crate::run::{Building, RunError};
 use crate::session::error::SessionError;
 use crate::session::header::{self, Header};
 use crate::session::look;
-use crate::session::store::{DREAMS, LOG_FILE, REWARDS, SessionStore, WORLD_MODEL_FILE};
+use crate::session::store::{DREAMS, LOG_FILE, REWARDS, SessionStore};
+use crate::session::worlds::WORLD_MODEL_FILE;
 
 /// The place of a session that is being made, where nobody finds half of it under its name.
 ///

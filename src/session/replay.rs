@@ -30,6 +30,8 @@ pub struct Replay {
     pub session: Session,
     /// A half line at the end of the log, which was passed over.
     pub torn: Option<String>,
+    /// Dreams that were deleted and whose files cannot be read.
+    pub lost: Vec<DreamId>,
     /// What every segment that was asked about looks like.
     pub clips: Looks,
     /// The rewards that were learned, and from what.
@@ -75,10 +77,16 @@ pub fn replay(dir: &Path, model: &WorldModel) -> Result<Replay, SessionError> {
     for SegmentRef { dream, start } in session.queries().iter().flat_map(|a| [a.query.left, a.query.right]) {
         starts.entry(dream).or_default().insert(start);
     }
-    let mut clips = Looks::new();
+    let (mut clips, mut lost) = (Looks::new(), Vec::new());
     for kept in session.dreams() {
         // One dream at a time, whether asked about or not: a damaged one is found either way.
-        let episode = read_dream(dir, &session, kept.dream)?;
+        let episode = match read_dream(dir, &session, kept.dream) {
+            Err(_) if session.is_dropped(kept.dream) => {
+                lost.push(kept.dream);
+                continue;
+            }
+            read => read?,
+        };
         for &start in starts.get(&kept.dream).into_iter().flatten() {
             let frames = episode.frames(model, start..start + SEGMENT_LEN);
             clips.insert((kept.dream, start), Look::of(&frames));
@@ -86,7 +94,7 @@ pub fn replay(dir: &Path, model: &WorldModel) -> Result<Replay, SessionError> {
     }
     let fits = fits(dir, &reading.header, &reading.contents, &session);
     let (dir, torn) = (dir.to_owned(), reading.contents.torn);
-    Ok(Replay { dir, header: reading.header, session, torn, clips, fits })
+    Ok(Replay { dir, header: reading.header, session, torn, lost, clips, fits })
 }
 
 impl Replay {
@@ -100,12 +108,13 @@ impl Replay {
         look::read(&self.dir)
     }
 
-    /// Those of `then` that look otherwise now, or are not asked about.
+    /// Those of `then` that look otherwise now, or are not asked about; those that are [lost](Self::lost) are left out.
     pub fn changed_clips(&self, then: &Looks) -> Vec<(DreamId, usize)> {
         let is_same = |clip: &(DreamId, usize), look: &Look| {
             self.clips.get(clip).is_some_and(|now| now.apart(look) <= Look::TOLERANCE)
         };
-        then.iter().filter(|(clip, look)| !is_same(clip, look)).map(|(clip, _)| *clip).collect()
+        let then = then.iter().filter(|((dream, _), _)| !self.lost.contains(dream));
+        then.filter(|(clip, look)| !is_same(clip, look)).map(|(clip, _)| *clip).collect()
     }
 
     /// Learns a reward of this session again and returns the last loss of each member.

@@ -25,7 +25,7 @@ pub struct Statistics {
 
 impl Statistics {
     pub(super) fn of(session: &Session) -> Self {
-        let active_secs = session.active_secs.values().sum();
+        let active_secs = session.spent.iter().map(|spent| spent.secs.min(IDLE_SECS)).sum();
         let mut statistics = Self { active_secs, ..Self::default() };
         for asked in &session.queries {
             let response = asked.answer().map(|given| given.answer.response);
@@ -51,6 +51,7 @@ impl Statistics {
 
     /// Usable labels an hour, once some time was spent.
     pub fn labels_per_hour(&self) -> Option<f32> {
-        (self.active_secs > 0.0).then(|| 3600.0 * self.n_answered as f32 / self.active_secs)
+        let rate = 3600.0 * self.n_answered as f32 / self.active_secs;
+        rate.is_finite().then_some(rate)
     }
 }

@@ -14,6 +14,7 @@ use crate::session::event::{DreamSource, Entry, Event, Fit, KeptDream};
 use crate::session::header::{self, FORMAT, Header};
 use crate::session::journal::{self, DreamJournal, UnfinishedDream};
 use crate::session::log::{self, Contents, Log};
+use crate::session::worlds::{self, WORLD_MODEL_FILE};
 use crate::session::{FittedReward, Session, arrays, export};
 use crate::tensor::{Parameters, sha256};
 use crate::world_model::WorldModel;
@@ -21,7 +22,6 @@ use crate::world_model::WorldModel;
 pub(super) const LOG_FILE: &str = "events.jsonl";
 pub(super) const DREAMS: &str = "dreams";
 pub(super) const REWARDS: &str = "reward";
-pub(super) const WORLD_MODEL_FILE: &str = "world_model.safetensors";
 
 /// A session that is open, with everything that happens in it going to disk.
 #[derive(Debug)]
@@ -104,7 +104,7 @@ impl SessionStore {
         check_world_model(dir, &header, world_model)?;
         let path = dir.join(LOG_FILE);
         let (log, contents) = Log::open(&path)?;
-        let session = fold(&header, &contents.entries, &path)?;
+        let session = fold(&header, &contents.entries, &contents.lines, &path)?;
         if header.format < FORMAT {
             // What is appended from here on is not for the program that began it.
             header.format = FORMAT;
@@ -177,7 +177,7 @@ impl SessionStore {
     /// Puts the lines of another log into this one, which is empty; the files that are `left_out` are nowhere.
     pub(super) fn take_over(&mut self, entries: Vec<Entry>, left_out: &[String]) -> Result<(), SessionError> {
         self.log.append_all(&entries)?;
-        self.session = fold(&self.header, &entries, &self.dir.join(LOG_FILE))?;
+        self.session = fold(&self.header, &entries, &[], &self.dir.join(LOG_FILE))?;
         self.entries = entries;
         self.missing = left_out.iter().map(|file| self.dir.join(file)).collect();
         Ok(())
@@ -253,7 +253,7 @@ impl SessionStore {
         let dream = DreamId(self.session.dreams().len() as u32);
         let episode = tidied(episode);
         let len = episode.len();
-        let file = dream_file(dream);
+        let file = self.free_file(&dream_file(dream));
         let bytes = arrays::dream_to_bytes(&episode);
         self.write(&file, &bytes, "save a dream")?;
         let planned = episode.n_planned();
@@ -298,7 +298,7 @@ impl SessionStore {
 
     /// Keeps the parameters of a reward and how they were learned.
     pub fn save_reward(&mut self, parameters: &Parameters, fit: Fit) -> Result<(), SessionError> {
-        let file = format!("{REWARDS}/{:04}.safetensors", self.session.fits().len());
+        let file = self.free_file(&format!("{REWARDS}/{:04}.safetensors", self.session.fits().len()));
         self.write(&file, parameters.bytes(), "save a reward")?;
         self.record(Event::Fitted { fit, file, sha256: parameters.hash() })
     }
@@ -315,7 +315,7 @@ impl SessionStore {
         self.write(WORLD_MODEL_FILE, model.parameters().bytes(), "copy the world model")
     }
 
-    /// The session's world model: the copy in its folder, or else where the header says that it was.
+    /// The session's world model, found as [`worlds::find`] does.
     pub fn world_model(&self) -> Result<WorldModel, SessionError> {
         world_model(&self.dir, &self.header)
     }
@@ -325,9 +325,14 @@ impl SessionStore {
         world_model(dir, &Header::read(dir)?)
     }
 
-    /// Where the world model is, if it still is where the session says.
+    /// Where the world model is; its file is read for that.
     pub fn world_model_path(&self) -> Option<PathBuf> {
-        world_model_path(&self.dir, &self.header)
+        worlds::find(&self.dir, &self.header)
+    }
+
+    /// The head of the session in `dir` and its state, without opening it for writing.
+    pub fn read(dir: &Path) -> Result<(Header, Session), SessionError> {
+        read(dir, None).map(|reading| (reading.header, reading.session))
     }
 
     /// The state of the session in `dir` and the reward that was learned last, without opening it for writing.
@@ -338,7 +343,7 @@ impl SessionStore {
         Ok((reading.session, reward.map(|(_, parameters)| parameters)))
     }
 
-    /// The state of the session in `dir` and its dreams, without opening it for writing.
+    /// The state of the session in `dir` and its dreams, deleted ones left out, without opening it for writing.
     ///
     /// It must have been made with the world model of this hash.
     pub fn read_dreams(
@@ -346,8 +351,9 @@ impl SessionStore {
         world_model: &str,
     ) -> Result<(Session, Vec<(DreamId, DreamEpisode)>), SessionError> {
         let session = read(dir, Some(world_model))?.session;
-        let read = |kept: &KeptDream| Ok((kept.dream, read_dream(dir, &session, kept.dream)?));
-        let dreams = session.dreams().iter().map(read).collect::<Result<_, SessionError>>()?;
+        let in_use = session.dream_lens().into_iter();
+        let dreams = in_use.map(|(id, _)| Ok((id, read_dream(dir, &session, id)?)));
+        let dreams = dreams.collect::<Result<_, SessionError>>()?;
         Ok((session, dreams))
     }
 
@@ -375,6 +381,17 @@ impl SessionStore {
     /// What was cut off the log when the session was opened, if anything was.
     pub fn torn(&self) -> Option<&str> {
         self.torn.as_deref()
+    }
+
+    /// `file`, or the like where the session has such a file: after a repair numbers may lag behind names.
+    pub(super) fn free_file(&self, file: &str) -> String {
+        let stem = file.trim_end_matches(".safetensors");
+        let numbered = (2..).map(|n| format!("{stem}-{n}.safetensors"));
+        let dreams = self.session.dreams().iter().map(|kept| kept.file.as_str());
+        let taken: BTreeSet<_> =
+            dreams.chain(self.session.fits().iter().map(|fit| fit.file.as_str())).collect();
+        let mut names = std::iter::once(file.to_owned()).chain(numbered);
+        names.find(|name| !taken.contains(name.as_str())).unwrap_or_else(|| file.to_owned())
     }
 
     pub(super) fn write(&self, file: &str, bytes: &[u8], tried: &'static str) -> Result<(), SessionError> {
@@ -422,7 +439,7 @@ pub(super) fn read(dir: &Path, world_model: Option<&str>) -> Result<Reading, Ses
     check_world_model(dir, &header, world_model)?;
     let path = dir.join(LOG_FILE);
     let contents = log::read(&path)?;
-    let session = fold(&header, &contents.entries, &path)?;
+    let session = fold(&header, &contents.entries, &contents.lines, &path)?;
     Ok(Reading { header, contents, session })
 }
 
@@ -436,9 +453,10 @@ pub(super) fn tidied(episode: &DreamEpisode) -> DreamEpisode {
     episode
 }
 
-fn fold(header: &Header, entries: &[Entry], path: &Path) -> Result<Session, SessionError> {
+/// The session that `entries` make; `lines` are their lines in the log, where some of it is no entry.
+fn fold(header: &Header, entries: &[Entry], lines: &[usize], path: &Path) -> Result<Session, SessionError> {
     header.session().folded(entries).map_err(|(n_applied, why)| SessionError::ImpossibleLine {
-        line: n_applied + 1,
+        line: lines.get(n_applied).map_or(n_applied + 1, |line| *line),
         why,
         path: path.to_owned(),
     })
@@ -479,18 +497,13 @@ pub(super) fn read_parameters(
 }
 
 pub(super) fn world_model(dir: &Path, header: &Header) -> Result<WorldModel, SessionError> {
-    let Some(path) = world_model_path(dir, header) else {
+    let Some(path) = worlds::find(dir, header) else {
         return Err(SessionError::NoWorldModel { hash: header.world_model.clone(), path: dir.to_owned() });
     };
     let bytes = std::fs::read(&path).map_err(SessionError::disk("read the world model", &path))?;
     let parameters = parameters(bytes, &path)?;
     check_world_model(&path, header, Some(&parameters.hash()))?;
     WorldModel::load(parameters).map_err(|met| SessionError::WorldModel { met, path })
-}
-
-pub(super) fn world_model_path(dir: &Path, header: &Header) -> Option<PathBuf> {
-    let hinted = header.world_model_path.as_ref().map(|hint| dir.join(hint));
-    [Some(dir.join(WORLD_MODEL_FILE)), hinted].into_iter().flatten().find(|path| path.exists())
 }
 
 fn parameters(bytes: Vec<u8>, path: &Path) -> Result<Parameters, SessionError> {

@@ -7,5 +7,8 @@
 #[path = "../support/program.rs"]
 mod program;
 
+mod compare;
 mod files;
+mod numbers;
+mod sessions;
 mod starting;
