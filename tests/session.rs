@@ -80,7 +80,7 @@ fn a_session_opens_to_the_state_it_was_left_in() {
     store.save_reward(model.parameters(), fit).unwrap();
     let left = store.session().clone();
     drop(store);
-    let mut store = SessionStore::open(&dir, Some(&model.hash())).unwrap();
+    let mut store = SessionStore::open(&dir, Some(model.identity())).unwrap();
     assert_eq!(*store.session(), left);
     assert_eq!(store.torn(), None);
     assert_eq!(store.session().pending().map(|asked| asked.query.id).collect::<Vec<_>>(), [QueryId(3)]);
@@ -152,7 +152,7 @@ fn another_world_model_is_refused_with_both_hashes() {
     let (dir, mine, other) = (tempfile::tempdir().unwrap(), model(1), model(2));
     let dir = dir.path().join("s");
     drop(small(&dir, &mine));
-    let refused = SessionStore::open(&dir, Some(&other.hash())).unwrap_err().to_string();
+    let refused = SessionStore::open(&dir, Some(other.identity())).unwrap_err().to_string();
     assert!(refused.contains(&mine.hash()) && refused.contains(&other.hash()), "{refused}");
     assert!(replay(&dir, &other).is_err(), "a replay looks too");
     let store = SessionStore::open(&dir, None).unwrap();

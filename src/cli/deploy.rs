@@ -79,7 +79,7 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
     let reward = if let Some((_, reward)) = &kept {
         let dir = options.session.as_deref().unwrap_or(Path::new(""));
         let none = || format!("the session {dir:?} has no reward yet: fit one in the window");
-        LearnedReward::load(reward.as_ref().with_context(none)?, &model.hash())?
+        LearnedReward::load(reward.as_ref().with_context(none)?, model.identity())?
     } else {
         let rng = &mut ChaCha8Rng::seed_from_u64(options.random_reward.unwrap_or(0));
         let (n, config) = (model.config().n_features(), RewardConfig::car_racing());

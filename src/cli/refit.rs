@@ -53,7 +53,7 @@ pub(crate) struct Options {
 pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
     tch::set_num_threads(2);
     let model = SessionStore::read_world_model(&options.session)?;
-    let mut store = SessionStore::open(&options.session, Some(&model.hash()))?;
+    let mut store = SessionStore::open(&options.session, Some(model.identity()))?;
     let now = store.session().weights().clone();
     let mut weights = Weights {
         safety: options.safety.unwrap_or(now.safety),

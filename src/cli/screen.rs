@@ -64,7 +64,7 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
 
 fn read(dir: &Path) -> anyhow::Result<Judged> {
     let model = SessionStore::read_world_model(dir)?;
-    let (session, dreams) = SessionStore::read_dreams(dir, &model.hash())?;
+    let (session, dreams) = SessionStore::read_dreams(dir, model.identity())?;
     let mut screen = Screen::default();
     for (id, episode) in dreams {
         let signs = episode.signs(&model, || true).unwrap_or_else(|| unreachable!("nobody says no"));

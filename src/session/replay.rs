@@ -69,7 +69,7 @@ impl ReplayedFit {
 ///
 /// Nothing in the folder is changed, and it may be read-only.
 pub fn replay(dir: &Path, model: &WorldModel) -> Result<Replay, SessionError> {
-    let reading = read(dir, Some(&model.hash()))?;
+    let reading = read(dir, Some(model.identity()))?;
     let session = reading.session;
     let mut starts: BTreeMap<DreamId, BTreeSet<usize>> = BTreeMap::new();
     for SegmentRef { dream, start } in session.queries().iter().flat_map(|a| [a.query.left, a.query.right]) {
@@ -78,7 +78,7 @@ pub fn replay(dir: &Path, model: &WorldModel) -> Result<Replay, SessionError> {
     let mut clips = Looks::new();
     for kept in session.dreams() {
         // One dream at a time, whether asked about or not: a damaged one is found either way.
-        let episode = read_dream(dir, &session, kept.dream)?;
+        let episode = read_dream(dir, &session, kept.dream, Some(model.identity()))?;
         for &start in starts.get(&kept.dream).into_iter().flatten() {
             let frames = episode.frames(model, start..start + SEGMENT_LEN);
             clips.insert((kept.dream, start), Look::of(&frames));
@@ -148,7 +148,10 @@ impl Dreams<'_> {
         Ok(match self.read.entry(id) {
             btree_map::Entry::Occupied(read) => read.into_mut(),
             btree_map::Entry::Vacant(unread) => {
-                let episode = read_dream(&self.replay.dir, &self.replay.session, id)?;
+                let episode = {
+                    let Replay { dir, session, .. } = self.replay;
+                    read_dream(dir, session, id, Some(self.model.identity()))?
+                };
                 let features = episode.features(self.model);
                 unread.insert((episode, features))
             }

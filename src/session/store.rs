@@ -14,7 +14,7 @@ use crate::session::journal::{self, DreamJournal, UnfinishedDream};
 use crate::session::log::{self, Contents, Log};
 use crate::session::{FittedReward, Session, arrays, export};
 use crate::tensor::{Parameters, sha256};
-use crate::world_model::WorldModel;
+use crate::world_model::{ModelIdentity, WorldModel};
 
 pub(super) const LOG_FILE: &str = "events.jsonl";
 const DREAMS: &str = "dreams";
@@ -29,6 +29,8 @@ pub struct SessionStore {
     session: Session,
     log: Log,
     torn: Option<String>,
+    /// What its dreams must fit, once that is known.
+    model: Option<ModelIdentity>,
 }
 
 impl SessionStore {
@@ -43,7 +45,7 @@ impl SessionStore {
         // The header comes last: a folder without one is no session.
         header.write(dir)?;
         sync_folder(dir).map_err(SessionError::disk("make the folder of a session", dir))?;
-        Ok(Self { dir: dir.to_owned(), session: header.session(), header, log, torn: None })
+        Ok(Self { dir: dir.to_owned(), session: header.session(), header, log, torn: None, model: None })
     }
 
     /// A new session in a folder of its own below `sessions`, named by its time; never over another.
@@ -52,10 +54,10 @@ impl SessionStore {
         Self::create(&dir, header)
     }
 
-    /// The session in `dir`, which must have been made with the world model of this hash, if one is given.
+    /// The session in `dir`, which must have been made with this world model, if one is given.
     ///
     /// The half line that a killed program can leave is cut off and told in [`Self::torn`].
-    pub fn open(dir: &Path, world_model: Option<&str>) -> Result<Self, SessionError> {
+    pub fn open(dir: &Path, world_model: Option<&ModelIdentity>) -> Result<Self, SessionError> {
         let mut header = Header::read(dir)?;
         check_world_model(dir, &header, world_model)?;
         let path = dir.join(LOG_FILE);
@@ -66,7 +68,21 @@ impl SessionStore {
             header.format = FORMAT;
             header.write(dir)?;
         }
-        Ok(Self { dir: dir.to_owned(), header, session, log, torn: contents.torn })
+        let model = world_model.cloned();
+        Ok(Self { dir: dir.to_owned(), header, session, log, torn: contents.torn, model })
+    }
+
+    /// Holds the session and its dreams against its world model, which was not known when it was opened.
+    pub fn meet(&mut self, model: &ModelIdentity) -> Result<(), SessionError> {
+        check_world_model(&self.dir, &self.header, Some(model))?;
+        self.model = Some(model.clone());
+        Ok(())
+    }
+
+    /// Fails where a dream cannot be, or cannot be one of the session's world model.
+    pub(super) fn check_dream(&self, episode: &DreamEpisode) -> Result<(), String> {
+        arrays::check(episode)?;
+        self.model.as_ref().map_or(Ok(()), |model| episode.require(model))
     }
 
     /// Writes down that `event` happened now; when this returns it is on disk, or nothing has changed.
@@ -114,6 +130,8 @@ impl SessionStore {
         episode.unsafe_marks.sort_unstable();
         episode.unsafe_marks.dedup();
         let file = dream_file(dream);
+        let wrong = |met| SessionError::Dream { met, path: self.dir.join(&file) };
+        self.check_dream(&episode).map_err(wrong)?;
         let bytes = arrays::dream_to_bytes(&episode);
         self.write(&file, &bytes, "save a dream")?;
         let planned = episode.n_planned();
@@ -126,7 +144,7 @@ impl SessionStore {
 
     /// The dream of this number.
     pub fn dream(&self, id: DreamId) -> Result<DreamEpisode, SessionError> {
-        read_dream(&self.dir, &self.session, id)
+        read_dream(&self.dir, &self.session, id, self.model.as_ref())
     }
 
     /// A journal for a dream that begins; it is discarded once the dream is kept or thrown away.
@@ -170,7 +188,7 @@ impl SessionStore {
 
     /// Puts a copy of the world model into the folder, so that the session can travel alone.
     pub fn save_world_model(&self, model: &WorldModel) -> Result<(), SessionError> {
-        check_world_model(&self.dir, &self.header, Some(&model.hash()))?;
+        check_world_model(&self.dir, &self.header, Some(model.identity()))?;
         self.write(WORLD_MODEL_FILE, model.parameters().bytes(), "copy the world model")
     }
 
@@ -199,13 +217,15 @@ impl SessionStore {
 
     /// The state of the session in `dir` and its dreams, without opening it for writing.
     ///
-    /// It must have been made with the world model of this hash.
+    /// It must have been made with this world model.
     pub fn read_dreams(
         dir: &Path,
-        world_model: &str,
+        world_model: &ModelIdentity,
     ) -> Result<(Session, Vec<(DreamId, DreamEpisode)>), SessionError> {
         let session = read(dir, Some(world_model))?.session;
-        let read = |kept: &KeptDream| Ok((kept.dream, read_dream(dir, &session, kept.dream)?));
+        let read = |kept: &KeptDream| {
+            Ok((kept.dream, read_dream(dir, &session, kept.dream, Some(world_model))?))
+        };
         let dreams = session.dreams().iter().map(read).collect::<Result<_, SessionError>>()?;
         Ok((session, dreams))
     }
@@ -229,6 +249,11 @@ impl SessionStore {
     /// Its folder.
     pub fn dir(&self) -> &Path {
         &self.dir
+    }
+
+    /// Where a dream is kept.
+    pub(super) fn dream_path(&self, dream: DreamId) -> PathBuf {
+        self.dir.join(dream_file(dream))
     }
 
     /// What was cut off the log when the session was opened, if anything was.
@@ -265,7 +290,7 @@ pub(super) struct Reading {
 }
 
 /// Reads the session in `dir`, without keeping others from it.
-pub(super) fn read(dir: &Path, world_model: Option<&str>) -> Result<Reading, SessionError> {
+pub(super) fn read(dir: &Path, world_model: Option<&ModelIdentity>) -> Result<Reading, SessionError> {
     let header = Header::read(dir)?;
     check_world_model(dir, &header, world_model)?;
     let path = dir.join(LOG_FILE);
@@ -282,23 +307,34 @@ fn fold(header: &Header, contents: &Contents, path: &Path) -> Result<Session, Se
     })
 }
 
-fn check_world_model(dir: &Path, header: &Header, model: Option<&str>) -> Result<(), SessionError> {
+fn check_world_model(
+    dir: &Path,
+    header: &Header,
+    model: Option<&ModelIdentity>,
+) -> Result<(), SessionError> {
     match model {
-        Some(model) if model != header.world_model => Err(SessionError::OtherWorldModel {
+        Some(model) if !model.is(&header.world_model) => Err(SessionError::OtherWorldModel {
             session: header.world_model.clone(),
-            model: model.to_owned(),
+            model: model.hash(),
             path: dir.to_owned(),
         }),
         _ => Ok(()),
     }
 }
 
-pub(super) fn read_dream(dir: &Path, session: &Session, id: DreamId) -> Result<DreamEpisode, SessionError> {
+/// A dream of the session in `dir`, which must be one of `model`, if that is known.
+pub(super) fn read_dream(
+    dir: &Path,
+    session: &Session,
+    id: DreamId,
+    model: Option<&ModelIdentity>,
+) -> Result<DreamEpisode, SessionError> {
     let kept = session.dreams().get(id.0 as usize).ok_or(SessionError::NoDream(id))?;
     let path = dir.join(&kept.file);
     let episode = arrays::dream_from_bytes(&read_hashed(&path, &kept.sha256)?);
     let wrong = |met| SessionError::Dream { met, path: path.clone() };
     let episode = episode.map_err(wrong)?;
+    model.map_or(Ok(()), |model| episode.require(model)).map_err(wrong)?;
     if episode.len() == kept.len {
         Ok(episode)
     } else {
@@ -316,14 +352,15 @@ pub(super) fn read_parameters(
     Ok((path, parameters))
 }
 
-fn world_model(dir: &Path, header: &Header) -> Result<WorldModel, SessionError> {
+pub(super) fn world_model(dir: &Path, header: &Header) -> Result<WorldModel, SessionError> {
     let Some(path) = world_model_path(dir, header) else {
         return Err(SessionError::NoWorldModel { hash: header.world_model.clone(), path: dir.to_owned() });
     };
     let bytes = std::fs::read(&path).map_err(SessionError::disk("read the world model", &path))?;
     let parameters = parameters(bytes, &path)?;
-    check_world_model(&path, header, Some(&parameters.hash()))?;
-    WorldModel::load(parameters).map_err(|met| SessionError::WorldModel { met, path })
+    let model = WorldModel::load(parameters).map_err(|met| SessionError::WorldModel { met, path: path.clone() })?;
+    check_world_model(&path, header, Some(model.identity()))?;
+    Ok(model)
 }
 
 pub(super) fn world_model_path(dir: &Path, header: &Header) -> Option<PathBuf> {

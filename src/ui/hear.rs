@@ -17,6 +17,7 @@ use crate::ui::pressing::pad_command;
 use crate::ui::state::{Dreaming, LoadedWorld, World};
 use crate::ui::widgets::clip;
 use crate::worker::{ClipperCommand, DriverCommand, Report, ScreenerCommand, TrainerCommand};
+use crate::world_model::ModelIdentity;
 
 /// How the report of a worker that has died begins.
 const PANICKED: &str = "this is a bug of ours";
@@ -34,7 +35,8 @@ impl World {
         dream.thumbnails = loaded.starts.iter().map(picture).collect();
         (dream.start_idx, dream.live, dream.picture) = (0, None, None);
         let hash = loaded.parameters.hash();
-        Self { loaded: Some(loaded), hash, ..Self::default() }
+        let identity = ModelIdentity::of(&loaded.parameters).ok();
+        Self { loaded: Some(loaded), hash, identity, ..Self::default() }
     }
 }
 

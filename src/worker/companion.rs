@@ -52,7 +52,7 @@ impl Companion {
     pub(super) fn like(&mut self, reward: &Parameters) -> Result<(), String> {
         let Some(model) = &self.model else { return Ok(()) };
         let ensemble = RewardEnsemble::load(reward).map_err(|e| e.to_string())?;
-        ensemble.require(&model.hash()).map_err(|e| e.to_string())?;
+        ensemble.require(model.identity()).map_err(|e| e.to_string())?;
         self.reward = Some(ensemble.frozen());
         Ok(())
     }

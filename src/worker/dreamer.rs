@@ -128,7 +128,7 @@ impl Dreamer<'_> {
             }
             DreamerCommand::Reward(parameters) => {
                 let reward = RewardEnsemble::load(&parameters).and_then(|reward| {
-                    reward.require(&self.model.hash())?;
+                    reward.require(self.model.identity())?;
                     Ok(reward.frozen())
                 });
                 match reward {

@@ -95,8 +95,7 @@ impl Driver<'_> {
     fn hear(&mut self, command: DriverCommand) {
         match command {
             DriverCommand::Reward(parameters) => {
-                let wanted = self.model.hash();
-                match LearnedReward::load(&parameters, &wanted) {
+                match LearnedReward::load(&parameters, self.model.identity()) {
                     Ok(reward) => self.reward = Some(reward),
                     Err(e) => return self.reports.fail(NAME, e),
                 }

@@ -93,7 +93,7 @@ impl Reviewer<'_> {
                 self.dreams.insert(id, (episode, None));
             }
             ReviewerCommand::Reward(parameters) => {
-                let jury = Jury::load(&parameters, &self.model.hash()).map_err(|e| e.to_string())?;
+                let jury = Jury::load(&parameters, self.model.identity()).map_err(|e| e.to_string())?;
                 self.now = Some(Judge { frozen: jury.frozen(), jury });
                 self.judged = None;
                 if let Some((dream, step)) = self.last {

@@ -105,11 +105,10 @@ impl Wanted {
             ));
         };
         let reward = SparseReward::load(learned).map_err(|e| e.to_string())?;
-        if reward.world_model() == model.hash() {
-            Ok(reward)
-        } else {
-            Err("this classifier was learned in another world model: fit the reward anew".to_owned())
-        }
+        let fits = reward.require(model.identity());
+        fits.map(|()| reward).map_err(|e| {
+            format!("this classifier was learned in another world model ({e}): fit the reward anew")
+        })
     }
 }
 
