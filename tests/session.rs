@@ -34,7 +34,7 @@ fn dream(model: &WorldModel, len: usize, seed: u64) -> DreamEpisode {
     let mut dream = Dream::new(&start, seed);
     let rng = &mut ChaCha8Rng::seed_from_u64(seed);
     for t in 0..len {
-        dream.step(model, Action::new((t as f32).sin(), 0.5, 0.0), rng);
+        dream.step(model, Action::new((t as f32).sin(), 0.5, 0.0), rng).unwrap();
     }
     dream.mark_unsafe();
     dream.finish()
@@ -136,7 +136,7 @@ fn a_reward_that_is_learned_again_has_the_losses_of_the_log() {
         losses = report.losses.iter().map(|loss| *loss as f32).collect();
         ControlFlow::Continue(())
     });
-    assert!(done.is_continue(), "nobody stops it");
+    assert!(done.unwrap().is_continue(), "nobody stops it");
     let fit = Fit { after, n_labels: labeled.len(), seed, epochs, losses: losses.clone(), held_out: None };
     store.record(answered(QueryId(3), SafetyAnswer::Neither)).unwrap();
     store.save_reward(&trainer.ensemble().parameters(), fit).unwrap();

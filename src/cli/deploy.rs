@@ -108,6 +108,12 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
             }
             ControlFlow::Continue(())
         });
+        let metrics = metrics.with_context(|| {
+            format!(
+                "the episode on track {} ended, for nothing can be driven by this",
+                options.seed.wrapping_add(i)
+            )
+        })?;
         if options.json {
             println!("{}", serde_json::json!({"track": options.seed + i, "metrics": metrics}));
         } else {

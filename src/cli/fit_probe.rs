@@ -4,10 +4,12 @@ use std::ops::ControlFlow;
 use std::path::PathBuf;
 use std::time::Instant;
 
+use anyhow::Context as _;
 use dropj::env::Aids;
 use dropj::run::write_whole;
 use dropj::simulate::fit_probe::{FitProbeConfig, fit_probe};
 
+use super::convert::Precision;
 use super::{EnvName, models};
 
 #[derive(Debug, clap::Args)]
@@ -27,6 +29,9 @@ pub(crate) struct Options {
     /// Updates
     #[arg(long)]
     updates: Option<usize>,
+    /// How each number of the file is stored
+    #[arg(long, value_enum, default_value = "f32")]
+    dtype: Precision,
     /// Of episodes, initialization and order
     #[arg(long, default_value_t = 0)]
     seed: u64,
@@ -56,8 +61,10 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
         }
         ControlFlow::Continue(())
     });
-    write_whole(&options.out, fit.parameters.bytes())?;
+    let fit = fit.context("the probe cannot be fitted")?;
+    let parameters = options.dtype.store(&fit.parameters)?;
+    write_whole(&options.out, parameters.bytes())?;
     println!("held-out real frames: {:.3?}\nseen through the world model: {:.3?}", fit.real, fit.painted);
-    println!("wrote {:?}, {}", options.out, fit.parameters.hash());
+    println!("wrote {:?}, {}", options.out, parameters.hash());
     Ok(())
 }

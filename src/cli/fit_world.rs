@@ -11,6 +11,7 @@ use dropj::world_model::WorldModelConfig;
 use dropj::world_model::fit::{FitConfig, Progress, fit_world};
 
 use super::EnvName;
+use super::convert::Precision;
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct Options {
@@ -26,6 +27,9 @@ pub(crate) struct Options {
     /// Go on from the last checkpoint
     #[arg(long)]
     resume: bool,
+    /// How each number of the file is stored
+    #[arg(long, value_enum, default_value = "f32")]
+    dtype: Precision,
     /// Of initialization, order and noise
     #[arg(long, default_value_t = 0)]
     seed: u64,
@@ -95,6 +99,7 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
         ControlFlow::Continue(())
     };
     let parameters = fit_world(&dataset, &config, &fit, &run, &mut report)?;
+    let parameters = options.dtype.store(&parameters)?;
     write_whole(&options.out, parameters.bytes()).context("the fit is done, but not written")?;
     println!("wrote {:?}, {}", options.out, parameters.hash());
     Ok(())

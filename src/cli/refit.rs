@@ -1,7 +1,6 @@
 //! `dropj refit`.
 
 use std::collections::{BTreeMap, btree_map};
-use std::convert::Infallible;
 use std::ops::ControlFlow;
 use std::path::PathBuf;
 use std::time::Instant;
@@ -14,6 +13,7 @@ use dropj::reward::{
     fit_verdicts, foretell_held_out, segment_rows, transition_row,
 };
 use dropj::session::{Event, Fit, SessionError, SessionStore};
+use dropj::tensor::NotFinite;
 use dropj::world_model::WorldModel;
 
 use super::simulate::parse_weight;
@@ -160,15 +160,13 @@ pub(super) fn fit_reward(
     }
     let rows = |segment: SegmentRef| {
         let (actions, features) = &dreams[&segment.dream];
-        Ok::<_, Infallible>(segment_rows(features, actions, segment))
+        Ok::<_, NotFinite>(segment_rows(features, actions, segment))
     };
     let labels = store.session().labeled();
     anyhow::ensure!(!labels.is_empty(), "there are no answers to learn from");
     let epochs = config.epochs(labels.len()) as u32;
-    let figures = held_out.map(|share| {
-        let Ok(figures) = foretell_held_out(model, config.clone(), seed, &labels, rows, share);
-        figures
-    });
+    let figures = held_out.map(|share| foretell_held_out(model, config.clone(), seed, &labels, rows, share));
+    let figures = figures.transpose()?;
     if let Some(figures) = figures {
         let Figures { n, log_loss, floor, n_strict, agreement } =
             figures.context("there are too few answers to hold some out")?;
@@ -178,7 +176,7 @@ pub(super) fn fit_reward(
             100.0 * agreement.unwrap_or(0.0)
         );
     }
-    let Ok(fitted) = fit_anew(model, config, seed, &labels, rows, |_| ControlFlow::Continue(()));
+    let fitted = fit_anew(model, config, seed, &labels, rows, |_| ControlFlow::Continue(()))?;
     let Fitted { trainer, losses } = fitted.context("the fit was broken off")?;
     let after = store.session().n_entries();
     let fit = Fit {

@@ -169,12 +169,7 @@ impl Dream {
     /// Takes `action` and moves on by one step, with noise from `rng`.
     ///
     /// Where that leads to what is no number the dream stays where it is, with all that was dreamed before.
-    pub fn step(
-        &mut self,
-        model: &WorldModel,
-        action: Action,
-        rng: &mut impl Rng,
-    ) -> Result<(), NotFinite> {
+    pub fn step(&mut self, model: &WorldModel, action: Action, rng: &mut impl Rng) -> Result<(), NotFinite> {
         let noise = Noise::draw(1, model.config().mdn_rnn.latent, rng);
         let next = Next::Sample { temperature: TEMPERATURE, noise: &noise };
         let next = model.imagine(&self.state, &actions_tensor(&[action]), next);
@@ -271,7 +266,8 @@ mod tests {
     #[test]
     fn a_dream_of_other_networks_is_named() {
         let model = untrained(&WorldModelConfig::tiny(), &mut ChaCha8Rng::seed_from_u64(1));
-        let dream = |z, m| DreamEpisode::new(LatentState { z: vec![0.0; z], c: vec![0.0; m], h: vec![0.0; m] }, 0);
+        let dream =
+            |z, m| DreamEpisode::new(LatentState { z: vec![0.0; z], c: vec![0.0; m], h: vec![0.0; m] }, 0);
         assert_eq!(dream(4, 16).require(model.identity()), Ok(()));
         let refused = dream(2, 16).require(model.identity()).unwrap_err();
         assert!(refused.contains("2 latents and 16 memory cells"), "{refused}");

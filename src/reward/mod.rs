@@ -21,7 +21,7 @@ use crate::tensor::limits::{
     MAX_COUNT, MAX_LATENTS, MAX_LAYERS, MAX_MEMBERS, MAX_MEMORY, MAX_WIDTH, OutOfRange, named, within,
 };
 use crate::tensor::{
-    Parameters, ParametersError, Slot, described, describes, dims, from_slice, uniform,
+    LAYOUT, Parameters, ParametersError, Slot, described, describes, dims, from_slice, uniform,
 };
 use crate::world_model::{ModelIdentity, fast_kind};
 
@@ -250,8 +250,18 @@ impl RewardEnsemble {
         Ok(ensemble)
     }
 
+    /// `parameters`, which must be those of an ensemble, in this program's layout.
+    pub fn relaid(parameters: &Parameters) -> Result<Parameters, RewardError> {
+        Self::load(parameters)?;
+        let (layout, Header { config, n_features, .. }) =
+            Header::of(parameters, "reward", RewardConfig::check)?;
+        let slots = Self::slots(&config, n_features);
+        let relaid = parameters.relaid("reward", &[("reward", &slots)], layout, LAYOUT);
+        Ok(relaid.unwrap_or_else(|| parameters.clone()))
+    }
+
     /// How an ensemble over so many features is stored.
-    pub(crate) fn slots(config: &RewardConfig, n_features: i64) -> Vec<Slot> {
+    fn slots(config: &RewardConfig, n_features: i64) -> Vec<Slot> {
         let &RewardConfig { members, hidden, layers, .. } = config;
         stacked_slots(members, n_features + Action::LEN as i64, hidden, layers, 1)
     }

@@ -11,7 +11,7 @@ use crate::env::Action;
 use crate::query::Verdict;
 use crate::reward::{Header, RewardError, RewardModel, require_model, stacked_slots};
 use crate::tensor::limits::{MAX_COUNT, MAX_LAYERS, MAX_MEMBERS, MAX_WIDTH, OutOfRange, within};
-use crate::tensor::{Parameters, Slot, described, dims, from_slice, uniform};
+use crate::tensor::{LAYOUT, Parameters, Slot, described, dims, from_slice, uniform};
 use crate::world_model::{ModelIdentity, fast_kind};
 
 /// How many classes there are.
@@ -159,8 +159,18 @@ impl SparseReward {
         Ok(ensemble)
     }
 
+    /// `parameters`, which must be those of such an ensemble, in this program's layout.
+    pub fn relaid(parameters: &Parameters) -> Result<Parameters, RewardError> {
+        Self::load(parameters)?;
+        let (layout, Header { config, n_features, .. }) =
+            Header::of(parameters, "sparse_reward", SparseConfig::check)?;
+        let slots = Self::slots(&config, n_features);
+        let relaid = parameters.relaid("sparse_reward", &[("sparse_reward", &slots)], layout, LAYOUT);
+        Ok(relaid.unwrap_or_else(|| parameters.clone()))
+    }
+
     /// How an ensemble over so many features is stored.
-    pub(crate) fn slots(config: &SparseConfig, n_features: i64) -> Vec<Slot> {
+    fn slots(config: &SparseConfig, n_features: i64) -> Vec<Slot> {
         let &SparseConfig { members, hidden, layers, .. } = config;
         stacked_slots(members, n_features + Action::LEN as i64, hidden, layers, N_CLASSES)
     }
@@ -175,7 +185,10 @@ impl SparseReward {
         let (config, world_model) = (self.config.clone(), self.world_model.clone());
         let header = Header { config, n_features: self.n_features, world_model };
         let slots = Self::slots(&self.config, self.n_features);
-        Parameters::stored(&[("sparse_reward", &self.store, &slots)], &[("sparse_reward", described(&header))])
+        Parameters::stored(
+            &[("sparse_reward", &self.store, &slots)],
+            &[("sparse_reward", described(&header))],
+        )
     }
 
     /// The shape of the ensemble, and how it is fitted.

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use crate::query::{DreamId, Protocol, QueryId, SegmentRef, Transition};
 use crate::reward::RewardError;
-use crate::tensor::ParametersError;
+use crate::tensor::{NotFinite, ParametersError};
 use crate::world_model::WorldModelError;
 
 /// Why an event cannot have happened in a session.
@@ -266,6 +266,9 @@ pub enum SessionError {
         /// Its path.
         path: PathBuf,
     },
+    /// A reward cannot be fitted again.
+    #[error("cannot fit the reward: {0}")]
+    NotFinite(NotFinite),
     /// The world model cannot be built.
     #[error("{met}: {path:?}")]
     WorldModel {
@@ -274,6 +277,12 @@ pub enum SessionError {
         /// Its path.
         path: PathBuf,
     },
+}
+
+impl From<NotFinite> for SessionError {
+    fn from(met: NotFinite) -> Self {
+        Self::NotFinite(met)
+    }
 }
 
 impl SessionError {

@@ -132,9 +132,7 @@ fn alike(
         store::world_model(dir, header).is_ok_and(|model| model.is(named))
     };
     let [ours, theirs] = [&one.header.world_model, &other.header.world_model];
-    if ours != theirs
-        && !is_model(one_dir, &one.header, theirs)
-        && !is_model(other_dir, &other.header, ours)
+    if ours != theirs && !is_model(one_dir, &one.header, theirs) && !is_model(other_dir, &other.header, ours)
     {
         return Err("world model");
     }

@@ -223,9 +223,8 @@ impl SessionStore {
         world_model: &ModelIdentity,
     ) -> Result<(Session, Vec<(DreamId, DreamEpisode)>), SessionError> {
         let session = read(dir, Some(world_model))?.session;
-        let read = |kept: &KeptDream| {
-            Ok((kept.dream, read_dream(dir, &session, kept.dream, Some(world_model))?))
-        };
+        let read =
+            |kept: &KeptDream| Ok((kept.dream, read_dream(dir, &session, kept.dream, Some(world_model))?));
         let dreams = session.dreams().iter().map(read).collect::<Result<_, SessionError>>()?;
         Ok((session, dreams))
     }
@@ -307,11 +306,7 @@ fn fold(header: &Header, contents: &Contents, path: &Path) -> Result<Session, Se
     })
 }
 
-fn check_world_model(
-    dir: &Path,
-    header: &Header,
-    model: Option<&ModelIdentity>,
-) -> Result<(), SessionError> {
+fn check_world_model(dir: &Path, header: &Header, model: Option<&ModelIdentity>) -> Result<(), SessionError> {
     match model {
         Some(model) if !model.is(&header.world_model) => Err(SessionError::OtherWorldModel {
             session: header.world_model.clone(),
@@ -358,7 +353,8 @@ pub(super) fn world_model(dir: &Path, header: &Header) -> Result<WorldModel, Ses
     };
     let bytes = std::fs::read(&path).map_err(SessionError::disk("read the world model", &path))?;
     let parameters = parameters(bytes, &path)?;
-    let model = WorldModel::load(parameters).map_err(|met| SessionError::WorldModel { met, path: path.clone() })?;
+    let model =
+        WorldModel::load(parameters).map_err(|met| SessionError::WorldModel { met, path: path.clone() })?;
     check_world_model(&path, header, Some(model.identity()))?;
     Ok(model)
 }

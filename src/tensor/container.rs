@@ -253,14 +253,16 @@ pub fn write(metadata: Option<&[(String, String)]>, parts: &[Part]) -> Vec<u8> {
     let mut file = Vec::with_capacity(N_LEN + header.len() + end);
     file.extend((header.len() as u64).to_le_bytes());
     file.extend(header);
-    parts.iter().for_each(|part| file.extend(&part.bytes));
+    for part in parts {
+        file.extend(&part.bytes);
+    }
     file
 }
 
 #[cfg(test)]
 mod tests {
     use proptest::prelude::*;
-    use safetensors::tensor::{SafeTensors, TensorView};
+    use safetensors::tensor::TensorView;
 
     use super::*;
 
@@ -271,7 +273,11 @@ mod tests {
             shape: shape.to_vec(),
             bytes: (0..n).map(|i| i as u8).collect(),
         };
-        vec![part("a", Dtype::F32, &[2, 1], 8), part("b \"2\"", Dtype::F32, &[], 4), part("c", Dtype::U32, &[0, 2], 0)]
+        vec![
+            part("a", Dtype::F32, &[2, 1], 8),
+            part("b \"2\"", Dtype::F32, &[], 4),
+            part("c", Dtype::U32, &[0, 2], 0),
+        ]
     }
 
     fn metadata() -> Vec<(String, String)> {
@@ -297,7 +303,8 @@ mod tests {
 
     #[test]
     fn halves_are_widened_exactly() {
-        let cases = [(0x3c00, 1.0), (0xc000, -2.0), (0x0001, 2.0_f32.powi(-24)), (0x03ff, 1023.0 / 16_777_216.0)];
+        let cases =
+            [(0x3c00, 1.0), (0xc000, -2.0), (0x0001, 2.0_f32.powi(-24)), (0x03ff, 1023.0 / 16_777_216.0)];
         for (bits, value) in cases {
             assert_eq!(of_half(bits), value);
         }

@@ -337,7 +337,7 @@ impl Parameters {
         let mut parts = parts_of(&container);
         for part in parts.iter_mut().filter(|part| chosen(&part.name)) {
             let (tensor, name) = finite(&container, &part.name)?;
-            let kind = kind_of(dtype).ok_or_else(|| ParametersError::Kind { name, found: dtype })?;
+            let kind = kind_of(dtype).ok_or(ParametersError::Kind { name, found: dtype })?;
             let narrow = tensor.to_kind(kind);
             if !is_finite(&narrow) {
                 return Err(ParametersError::TooLarge { name: part.name.clone(), dtype });
@@ -532,7 +532,10 @@ mod tests {
         assert_eq!(to_vec(&in_memory), to_vec(&to.variables()["w"]));
         let slots: &[(&str, &[Slot])] = &[("net", &[slot])];
         let earlier = parameters.relaid("config", slots, LAYOUT, 1).unwrap();
-        assert_eq!(earlier.bytes(), Parameters::of(&[("net", &from)], &[("config", "{\"k\":1}".to_owned())]).bytes());
+        assert_eq!(
+            earlier.bytes(),
+            Parameters::of(&[("net", &from)], &[("config", "{\"k\":1}".to_owned())]).bytes()
+        );
         assert_eq!(earlier.relaid("config", slots, 1, LAYOUT).unwrap().bytes(), parameters.bytes());
     }
 

@@ -16,6 +16,7 @@ use crate::ui::labeling::Pair;
 use crate::ui::pressing::pad_command;
 use crate::ui::state::{Dreaming, LoadedWorld, World};
 use crate::ui::widgets::clip;
+use crate::worker::driver::GAVE_UP;
 use crate::worker::{ClipperCommand, DriverCommand, Report, ScreenerCommand, TrainerCommand};
 use crate::world_model::ModelIdentity;
 
@@ -223,7 +224,7 @@ impl App {
         let has_died = message.starts_with(PANICKED);
         match worker {
             "dreamer" if has_died => (self.state.dream.is_on, self.state.dream.is_ending) = (false, false),
-            "driver" if has_died => self.state.deploy.is_on = false,
+            "driver" if has_died || message.starts_with(GAVE_UP) => self.state.deploy.is_on = false,
             "trainer" => (self.state.reward.is_fitting, self.state.reward.is_relearning) = (false, false),
             "synthesizer" if !has_died => return self.not_made(message.to_owned()),
             "synthesizer" => self.make_trajectories(false),

@@ -23,8 +23,8 @@ use crate::ui::recent::RecentSessions;
 use crate::ui::review::Reviewing;
 use crate::ui::shelf::Shelving;
 use crate::worker::{DriveView, Learning, LiveView};
-use crate::world_model::{LatentState, ModelIdentity};
 use crate::world_model::fit::{Progress, Stage};
+use crate::world_model::{LatentState, ModelIdentity};
 
 /// Where a dream can begin.
 #[derive(Clone, Debug)]

@@ -4,7 +4,7 @@ use crate::dream::TEMPERATURE;
 use crate::env::{Action, Frame};
 use crate::planner::{Agent, PlannerConfig};
 use crate::reward::{FrozenReward, RewardEnsemble};
-use crate::tensor::Parameters;
+use crate::tensor::{NotFinite, Parameters};
 use crate::worker::{Beside, BesideView};
 use crate::world_model::{Next, State, WorldModel, actions_tensor};
 
@@ -79,14 +79,17 @@ impl Companion {
     }
 
     /// What the planner does where it drives; whoever takes hold of the wheel has it instead.
-    pub(super) fn act(&mut self, hands: Action, frame: &Frame) -> Option<Action> {
+    ///
+    /// Where it meets what is no number, it gives the wheel back.
+    pub(super) fn act(&mut self, hands: Action, frame: &Frame) -> Result<Option<Action>, NotFinite> {
         if hands != Action::default() {
             self.agent = None;
         }
         let (Some(agent), Some(model), Some(reward)) = (&mut self.agent, &self.model, &self.reward) else {
-            return None;
+            return Ok(None);
         };
-        Some(agent.act(model, reward, frame).0)
+        let driven = agent.act(model, reward, frame).map(|(action, _)| Some(action));
+        driven.inspect_err(|_| self.agent = None)
     }
 
     /// Takes in what was done where `frame` was seen.
@@ -186,10 +189,10 @@ mod tests {
         let reward = RewardEnsemble::new(36, &toy::model().hash(), RewardConfig::tiny(), rng);
         companion.like(&reward.parameters()).unwrap();
         companion.hand_over(true, 0);
-        let action = companion.act(Action::default(), &gray(3));
+        let action = companion.act(Action::default(), &gray(3)).unwrap();
         assert!(action.is_some_and(|action| action.gas > 0.0), "{action:?}");
-        assert_eq!(companion.act(Action::new(0.5, 0.0, 0.0), &gray(3)), None);
-        assert_eq!(companion.act(Action::default(), &gray(3)), None, "until it is handed over again");
+        assert_eq!(companion.act(Action::new(0.5, 0.0, 0.0), &gray(3)), Ok(None));
+        assert_eq!(companion.act(Action::default(), &gray(3)), Ok(None), "until it is handed over again");
     }
 
     #[test]

@@ -86,7 +86,7 @@ impl Wanted {
             is_wanted()
         };
         let wanted = [(&self.start, acquisition)];
-        let made = synthesize(model, &reward, &wanted, seen.as_ref(), config, rng, on_iteration);
+        let made = synthesize(model, &reward, &wanted, seen.as_ref(), config, rng, on_iteration)?;
         Ok(made.and_then(|mut made| made.pop()).map(|mut episode| {
             episode.seed = seed;
             Report::Synthesized { episode, acquisition }

@@ -1,6 +1,6 @@
 //! What a world model is called, and how wide its states are: what sessions, dreams and rewards must agree with.
 
-use crate::tensor::Parameters;
+use crate::tensor::{LAYOUT, Parameters};
 use crate::world_model::{WorldModel, WorldModelConfig, WorldModelError};
 
 /// By what a world model is known to whatever was made with it.
@@ -33,11 +33,16 @@ impl ModelIdentity {
         self.parameters.hash() == hash || self.parameters.other_hash(|_| self.relaid()) == Some(hash)
     }
 
-    /// The same parameters in the other layout.
+    /// The same parameters in the other layout of the two that there are.
     pub fn relaid(&self) -> Option<Parameters> {
+        self.stored_in(if self.layout == LAYOUT { 1 } else { LAYOUT })
+    }
+
+    /// The same parameters in this layout.
+    fn stored_in(&self, layout: u32) -> Option<Parameters> {
         let (vae, mdn_rnn) = (self.config.vae.slots(), self.config.mdn_rnn.slots());
         let networks: [(&str, &[_]); 2] = [("vae", &vae), ("mdn_rnn", &mdn_rnn)];
-        self.parameters.relaid("config", &networks, self.layout, 3 - self.layout)
+        self.parameters.relaid("config", &networks, self.layout, layout)
     }
 
     /// The layout of its file.
@@ -57,6 +62,12 @@ impl WorldModel {
         &self.identity
     }
 
+    /// `parameters`, which must be those of a world model, in this program's layout.
+    pub fn relaid(parameters: Parameters) -> Result<Parameters, WorldModelError> {
+        let model = Self::load(parameters)?;
+        Ok(model.identity.stored_in(LAYOUT).unwrap_or(model.parameters))
+    }
+
     /// Whether this is the model that is called `hash`: see [`ModelIdentity::is`].
     pub fn is(&self, hash: &str) -> bool {
         self.identity.is(hash)
@@ -69,18 +80,14 @@ mod tests {
     use rand_chacha::ChaCha8Rng;
 
     use super::*;
-    use crate::tensor::{LAYOUT, from_slice};
+    use crate::tensor::from_slice;
     use crate::world_model::{Layer, VaeConfig, untrained};
 
     /// A model with layers that lie as matrices in memory.
     fn large() -> WorldModel {
         let layer = |channels| Layer { channels, kernel: 4, stride: 1, padding: 0 };
-        let vae = VaeConfig {
-            side: 4,
-            encoder: vec![layer(290)],
-            decoder: vec![layer(3)],
-            ..VaeConfig::tiny()
-        };
+        let vae =
+            VaeConfig { side: 4, encoder: vec![layer(290)], decoder: vec![layer(3)], ..VaeConfig::tiny() };
         let config = WorldModelConfig { vae, ..WorldModelConfig::tiny() };
         untrained(&config, &mut ChaCha8Rng::seed_from_u64(0))
     }

@@ -18,8 +18,8 @@ use tch::{Device, Kind, Tensor, nn};
 use crate::env::{Action, Frame};
 use crate::tensor::limits::{MAX_EPISODE, OutOfRange, named};
 use crate::tensor::{
-    NotFinite, Parameters, ParametersError, Slot, described, describes, from_frames, from_slice,
-    is_finite, to_frames, to_vec,
+    NotFinite, Parameters, ParametersError, Slot, described, describes, from_frames, from_slice, is_finite,
+    to_frames, to_vec,
 };
 
 use foresight::Foresight;
@@ -126,9 +126,9 @@ impl State {
 
     /// Fails where one of the states is not made of numbers; `what` says which they are.
     pub fn require_finite(&self, what: &str) -> Result<(), NotFinite> {
-        let part = |name: &str, part: &Tensor| match is_finite(part) {
-            true => Ok(()),
-            false => Err(NotFinite(format!("what the world model makes of {what} ({name})"))),
+        let part = |name: &str, part: &Tensor| {
+            let met = || NotFinite(format!("what the world model makes of {what} ({name})"));
+            is_finite(part).then_some(()).ok_or_else(met)
         };
         part("latents", &self.z)?;
         part("memory", &self.memory.c)?;
@@ -261,7 +261,7 @@ impl WorldModel {
         let (mut memory, eyes, brush) = (memory, vae.frozen(Kind::Float), vae.frozen(fast_kind()));
         memory.freeze();
         let foresight = Foresight::of(&mdn_rnn);
-        Ok(Self { config, parameters, eyes, brush, foresight, mdn_rnn, starts, held_out, identity })
+        Ok(Self { config, parameters, eyes, brush, mdn_rnn, foresight, starts, held_out, identity })
     }
 
     /// The state, a batch of one, whose features `[z | c | h]` are these.
@@ -385,7 +385,10 @@ fn held_out(parameters: &Parameters) -> Result<Option<Vec<usize>>, WorldModelErr
     let Some(held_out) = parameters.finite("held_out")? else { return Ok(None) };
     let wrong = |what| WorldModelError::Beside { what };
     if held_out.dim() != 1 {
-        return Err(wrong(format!("its \"held_out\" has the shape {:?}, and must have one axis", held_out.size())));
+        return Err(wrong(format!(
+            "its \"held_out\" has the shape {:?}, and must have one axis",
+            held_out.size()
+        )));
     }
     let number = |episode: f32| {
         let is_one = (0.0..=MAX_EPISODE).contains(&episode) && episode.fract() == 0.0;

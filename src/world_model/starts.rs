@@ -5,9 +5,7 @@ use tch::Tensor;
 use crate::env::{Action, Frame};
 use crate::tensor::limits::{MAX_STARTS, within};
 use crate::tensor::{Parameters, ParametersError, from_slice, to_vec};
-use crate::world_model::{
-    LatentState, MdnRnnConfig, State, WorldModel, WorldModelError, actions_tensor,
-};
+use crate::world_model::{LatentState, MdnRnnConfig, State, WorldModel, WorldModelError, actions_tensor};
 
 impl WorldModel {
     /// The states in a real episode before the steps `at`, the memory having taken in all steps before.
@@ -52,10 +50,12 @@ pub(super) fn unpack(
     let wrong = |what| WorldModelError::Beside { what };
     let parts = NAMES.map(|name| parameters.finite(name));
     let [Some(zs), Some(cs), Some(hs)] = &lifted(parts)? else {
-        let missing = NAMES.iter().find(|name| parameters.tensor(name).is_none());
-        return match NAMES.iter().any(|name| parameters.tensor(name).is_some()) {
-            true => Err(wrong(format!("it has states to start dreams from, but no {:?}", missing.unwrap_or(&"")))),
-            false => Ok(Vec::new()),
+        let is_there = |name: &&str| parameters.tensor(name).is_some();
+        return match (NAMES.iter().any(is_there), NAMES.iter().find(|name| !is_there(name))) {
+            (true, Some(missing)) => {
+                Err(wrong(format!("it has states to start dreams from, but no {missing:?}")))
+            }
+            _ => Ok(Vec::new()),
         };
     };
     let n = zs.size().first().copied().unwrap_or_default();

@@ -80,7 +80,8 @@ impl<'a> Course<'a> {
 
     fn checkpoint(&self, run: &Run) -> Result<(), FitError> {
         let slot = |name: &str| self.slots.iter().find(|slot| slot.name == name);
-        let stored = |of: &str, tensor: Tensor| slot(of).map_or(tensor.shallow_clone(), |s| s.from_memory(&tensor));
+        let stored =
+            |of: &str, tensor: Tensor| slot(of).map_or(tensor.shallow_clone(), |s| s.from_memory(&tensor));
         let net = self.store.variables().into_iter();
         let net = net.map(|(name, tensor)| (format!("net.{name}"), stored(&name, tensor)));
         let adam = self.adam.state().into_iter().map(|(name, tensor)| {

@@ -155,9 +155,11 @@ fn encoded(run: &Run, episode: usize, latent: i64) -> Result<Encoded, FitError> 
     let encoded = Encoded { mean: part("mean")?, log_var: part("log_var")?, actions: part("actions")? };
     let Encoded { mean, log_var, actions } = &encoded;
     let [t, z] = mean.size()[..] else { return Err(missing("latents").into()) };
-    for (name, part, wanted) in
-        [("log_var", log_var, [t, z]), ("actions", actions, [t, Action::LEN as i64]), ("mean", mean, [t, latent])]
-    {
+    for (name, part, wanted) in [
+        ("log_var", log_var, [t, z]),
+        ("actions", actions, [t, Action::LEN as i64]),
+        ("mean", mean, [t, latent]),
+    ] {
         if part.size() != wanted {
             let (name, found) = (format!("{name} of {}", latents_name(episode)), part.size());
             return Err(ParametersError::Shape { name, found, wanted: wanted.to_vec() }.into());
