@@ -95,9 +95,9 @@ fn fuzz_worlds() {
 
 #[test]
 fn fuzz_rewards() {
-    let hash = corpus::model().hash();
+    let model = corpus::model();
     let read = |bytes: &[u8]| {
-        Parameters::from_bytes(bytes).is_ok_and(|file| LearnedReward::load(&file, &hash).is_ok())
+        Parameters::from_bytes(bytes).is_ok_and(|file| LearnedReward::load(&file, model.identity()).is_ok())
     };
     fuzz("rewards", &corpus::rewards(), 2, mutation::mend_safetensors, read);
 }

@@ -109,7 +109,7 @@ fn a_car_that_learned_from_answers_stays_on_the_road_better_than_one_that_did_no
     let mut dreams = Vec::new();
     for (seed, start) in (0..).zip(model.starts().iter().cycle().take(6)) {
         let (mut dream, mut held) = (Dream::new(start, seed), Action::default());
-        (0..150).for_each(|t| dream.step(&model, wander(t, &mut held, rng), rng));
+        (0..150).for_each(|t| dream.step(&model, wander(t, &mut held, rng), rng).unwrap());
         dreams.push(dream.finish());
     }
 
@@ -135,7 +135,7 @@ fn a_car_that_learned_from_answers_stays_on_the_road_better_than_one_that_did_no
         };
         trainer.learn(&SegmentPair { left: rows(query.left), right: rows(query.right), label });
     }
-    assert!(trainer.fit(rng, |_| ControlFlow::Continue(())).is_continue());
+    assert!(trainer.fit(rng, |_| ControlFlow::Continue(())).unwrap().is_continue());
 
     // Step 4: drive the real road.
     let grass = |reward: &RewardEnsemble| {
@@ -145,6 +145,7 @@ fn a_car_that_learned_from_answers_stays_on_the_road_better_than_one_that_did_no
             let mut policy = PlanningPolicy::new(&model, reward, agent);
             let seed = Seed::Native(seed);
             evaluate_episode(&mut DummyRoad::default(), seed, &mut policy, |_, _| ControlFlow::Continue(()))
+                .unwrap()
                 .grass_rate
         });
         rates.sum::<f32>() / 4.0

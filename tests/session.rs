@@ -34,7 +34,7 @@ fn dream(model: &WorldModel, len: usize, seed: u64) -> DreamEpisode {
     let mut dream = Dream::new(&start, seed);
     let rng = &mut ChaCha8Rng::seed_from_u64(seed);
     for t in 0..len {
-        dream.step(model, Action::new((t as f32).sin(), 0.5, 0.0), rng);
+        dream.step(model, Action::new((t as f32).sin(), 0.5, 0.0), rng).unwrap();
     }
     dream.mark_unsafe();
     dream.finish()
@@ -80,7 +80,7 @@ fn a_session_opens_to_the_state_it_was_left_in() {
     store.save_reward(model.parameters(), fit).unwrap();
     let left = store.session().clone();
     drop(store);
-    let mut store = SessionStore::open(&dir, Some(&model.hash())).unwrap();
+    let mut store = SessionStore::open(&dir, Some(model.identity())).unwrap();
     assert_eq!(*store.session(), left);
     assert_eq!(store.torn(), None);
     assert_eq!(store.session().pending().map(|asked| asked.query.id).collect::<Vec<_>>(), [QueryId(3)]);
@@ -136,7 +136,7 @@ fn a_reward_that_is_learned_again_has_the_losses_of_the_log() {
         losses = report.losses.iter().map(|loss| *loss as f32).collect();
         ControlFlow::Continue(())
     });
-    assert!(done.is_continue(), "nobody stops it");
+    assert!(done.unwrap().is_continue(), "nobody stops it");
     let fit = Fit { after, n_labels: labeled.len(), seed, epochs, losses: losses.clone(), held_out: None };
     store.record(answered(QueryId(3), SafetyAnswer::Neither)).unwrap();
     store.save_reward(&trainer.ensemble().parameters(), fit).unwrap();
@@ -152,7 +152,7 @@ fn another_world_model_is_refused_with_both_hashes() {
     let (dir, mine, other) = (tempfile::tempdir().unwrap(), model(1), model(2));
     let dir = dir.path().join("s");
     drop(small(&dir, &mine));
-    let refused = SessionStore::open(&dir, Some(&other.hash())).unwrap_err().to_string();
+    let refused = SessionStore::open(&dir, Some(other.identity())).unwrap_err().to_string();
     assert!(refused.contains(&mine.hash()) && refused.contains(&other.hash()), "{refused}");
     assert!(replay(&dir, &other).is_err(), "a replay looks too");
     let store = SessionStore::open(&dir, None).unwrap();

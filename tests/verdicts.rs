@@ -1,7 +1,6 @@
 //! Sessions of verdicts on single transitions: what they hold, what they refuse, and what is learned from them again.
 #![expect(clippy::unwrap_used, reason = "a failing test may panic")]
 
-use std::convert::Infallible;
 use std::ops::ControlFlow;
 use std::path::Path;
 
@@ -12,6 +11,7 @@ use dropj::query::{
 };
 use dropj::reward::{LearnedReward, SparseConfig, fit_verdicts, transition_row};
 use dropj::session::{Answer, Choice, DreamSource, Event, Fit, Header, SessionStore, replay};
+use dropj::tensor::NotFinite;
 use dropj::world_model::{LatentState, WorldModel, WorldModelConfig, untrained};
 use rand::SeedableRng as _;
 use rand_chacha::ChaCha8Rng;
@@ -30,7 +30,7 @@ fn session(dir: &Path, model: &WorldModel) -> SessionStore {
     let mut store = SessionStore::create(dir, header).unwrap();
     let start = LatentState { z: vec![0.1; 4], c: vec![0.0; 16], h: vec![0.0; 16] };
     let (mut dream, rng) = (Dream::new(&start, 1), &mut ChaCha8Rng::seed_from_u64(1));
-    (0..60).for_each(|t| dream.step(model, Action::new((t as f32).sin(), 0.5, 0.0), rng));
+    (0..60).for_each(|t| dream.step(model, Action::new((t as f32).sin(), 0.5, 0.0), rng).unwrap());
     store.save_dream(&dream.finish(), DreamSource::User).unwrap();
     for i in 0..40 {
         let transition = Transition { dream: DreamId(0), first: 5, step: 5 + i as usize };
@@ -59,7 +59,7 @@ fn verdicts_are_there_when_the_session_is_opened_again_and_learned_from_again() 
 
     let dream = store.dream(DreamId(0)).unwrap();
     let features = dream.features(&model);
-    let row = |t: Transition| Ok::<_, Infallible>(transition_row(&features, &dream.actions, t.step));
+    let row = |t: Transition| Ok::<_, NotFinite>(transition_row(&features, &dream.actions, t.step));
     let fitted = fit_verdicts(&model, SparseConfig::tiny(), 4, &judged, row, |_| ControlFlow::Continue(()));
     let fitted = fitted.unwrap().unwrap();
     let after = store.session().n_entries();
@@ -76,7 +76,7 @@ fn verdicts_are_there_when_the_session_is_opened_again_and_learned_from_again() 
     assert_eq!(again, losses, "the same processor computes the same");
     assert!(replayed.fits[0].agrees(&again), "of as many verdicts as there were");
     let (_, reward) = SessionStore::read_reward(&dir).unwrap();
-    let reward = LearnedReward::load(&reward.unwrap(), &model.hash()).unwrap();
+    let reward = LearnedReward::load(&reward.unwrap(), model.identity()).unwrap();
     assert!(reward.is_sparse(), "and what drives by it knows of which kind it is");
 }
 

@@ -61,7 +61,7 @@ fn in_words(figures: &Figures) -> String {
 
 /// What was answered in the session in `dir`, as the reward reads it.
 fn labels(dir: &Path, model: &WorldModel) -> anyhow::Result<Vec<SegmentPair>> {
-    let (session, dreams) = SessionStore::read_dreams(dir, &model.hash())?;
+    let (session, dreams) = SessionStore::read_dreams(dir, model.identity())?;
     let of = |episode: dropj::dream::DreamEpisode| {
         let features = episode.features(model);
         (episode.actions, features)

@@ -78,7 +78,7 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
     let reward = if let Some((_, reward)) = &kept {
         let dir = options.session.as_deref().unwrap_or(Path::new(""));
         let none = || format!("the session {dir:?} has no reward yet: fit one in the window");
-        LearnedReward::load(reward.as_ref().with_context(none)?, &model.hash())?
+        LearnedReward::load(reward.as_ref().with_context(none)?, model.identity())?
     } else {
         let rng = &mut ChaCha8Rng::seed_from_u64(options.random_reward.unwrap_or(0));
         let (n, config) = (model.config().n_features(), RewardConfig::car_racing());
@@ -108,6 +108,12 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
             }
             ControlFlow::Continue(())
         });
+        let metrics = metrics.with_context(|| {
+            format!(
+                "the episode on track {} ended, for nothing can be driven by this",
+                options.seed.wrapping_add(i)
+            )
+        })?;
         if options.json {
             println!("{}", serde_json::json!({"track": number, "metrics": metrics}));
         } else {

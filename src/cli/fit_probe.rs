@@ -4,10 +4,12 @@ use std::ops::ControlFlow;
 use std::path::PathBuf;
 use std::time::Instant;
 
+use anyhow::Context as _;
 use dropj::env::Aids;
 use dropj::run::{Kind, OutputFile};
 use dropj::simulate::fit_probe::{FitProbeConfig, fit_probe};
 
+use super::convert::Precision;
 use super::numbers::count;
 use super::{EnvName, models};
 
@@ -28,6 +30,9 @@ pub(crate) struct Options {
     /// Updates
     #[arg(long, value_parser = count(1..=10_000_000))]
     updates: Option<usize>,
+    /// How each number of the file is stored
+    #[arg(long, value_enum, default_value = "f32")]
+    dtype: Precision,
     /// Of episodes, initialization and order
     #[arg(long, default_value_t = 0)]
     seed: u64,
@@ -58,8 +63,10 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
         }
         ControlFlow::Continue(())
     });
-    out.write(fit.parameters.bytes())?;
+    let fit = fit.context("the probe cannot be fitted")?;
+    let parameters = options.dtype.store(&fit.parameters)?;
+    out.write(parameters.bytes())?;
     println!("held-out real frames: {:.3?}\nseen through the world model: {:.3?}", fit.real, fit.painted);
-    println!("wrote {:?}, {}", options.out, fit.parameters.hash());
+    println!("wrote {:?}, {}", options.out, parameters.hash());
     Ok(())
 }

@@ -11,6 +11,7 @@ use dropj::world_model::WorldModelConfig;
 use dropj::world_model::fit::{self, FitConfig, Progress, fit_world};
 
 use super::EnvName;
+use super::convert::Precision;
 use super::numbers::{count, number};
 
 #[derive(Debug, clap::Args)]
@@ -27,6 +28,9 @@ pub(crate) struct Options {
     /// Go on from the last checkpoint
     #[arg(long)]
     resume: bool,
+    /// How each number of the file is stored
+    #[arg(long, value_enum, default_value = "f32")]
+    dtype: Precision,
     /// Of initialization, order and noise
     #[arg(long, default_value_t = 0)]
     seed: u64,
@@ -98,6 +102,7 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
         ControlFlow::Continue(())
     };
     let parameters = fit_world(&dataset, &config, &settings, &run, &mut report)?;
+    let parameters = options.dtype.store(&parameters)?;
     let hint = "the fit is done, but not written; with `--resume` nothing is fitted anew";
     out.write(parameters.bytes()).context(hint)?;
     println!("wrote {:?}, {}", options.out, parameters.hash());

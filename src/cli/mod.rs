@@ -6,6 +6,7 @@ mod agree;
 mod check_reward;
 mod check_world;
 mod compare;
+mod convert;
 mod deploy;
 mod fit_probe;
 mod fit_world;
@@ -58,6 +59,8 @@ enum Command {
     Deploy(deploy::Options),
     /// Say whether methods differ by more than chance, from what `deploy --json` printed of each
     Compare(compare::Options),
+    /// Store a world model, a probe or a reward anew: in the layout of PyTorch, and in fewer bytes if that is asked
+    Convert(convert::Options),
     /// Go through a session again from its files
     Replay(replay::Options),
     /// Say how well bad dreams can be told before anybody skips them, on sessions in which some were skipped
@@ -203,6 +206,7 @@ pub(crate) fn run(cli: Cli) -> anyhow::Result<()> {
         Some(Command::CheckReward(options)) => check_reward::run(&options),
         Some(Command::Deploy(options)) => deploy::run(&options),
         Some(Command::Compare(options)) => compare::run(&options),
+        Some(Command::Convert(options)) => convert::run(&options),
         Some(Command::Replay(options)) => replay::run(&options),
         Some(Command::Screen(options)) => screen::run(&options),
         Some(Command::Agree(options)) => agree::run(&options),

@@ -1,7 +1,6 @@
 //! `dropj refit`.
 
 use std::collections::{BTreeMap, btree_map};
-use std::convert::Infallible;
 use std::ops::ControlFlow;
 use std::path::PathBuf;
 use std::time::Instant;
@@ -14,6 +13,7 @@ use dropj::reward::{
     fit_verdicts, foretell_held_out, segment_rows, transition_row,
 };
 use dropj::session::{Event, Fit, SessionError, SessionStore};
+use dropj::tensor::NotFinite;
 use dropj::world_model::WorldModel;
 
 use super::models;
@@ -60,7 +60,7 @@ const NO_ANSWERS: &str = "there are no answers to learn from";
 pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
     tch::set_num_threads(2);
     let model = models::of_session(&options.session, options.world.as_deref())?;
-    let mut store = SessionStore::open(&options.session, Some(&model.hash()))?;
+    let mut store = SessionStore::open(&options.session, Some(model.identity()))?;
     let now = store.session().weights().clone();
     let mut weights = Weights {
         safety: options.safety.unwrap_or(now.safety),
@@ -174,15 +174,13 @@ pub(super) fn fit_reward(
     }
     let rows = |segment: SegmentRef| {
         let (actions, features) = &dreams[&segment.dream];
-        Ok::<_, Infallible>(segment_rows(features, actions, segment))
+        Ok::<_, NotFinite>(segment_rows(features, actions, segment))
     };
     let labels = store.session().labeled();
     anyhow::ensure!(!labels.is_empty(), NO_ANSWERS);
     let epochs = config.epochs(labels.len()) as u32;
-    let figures = held_out.map(|share| {
-        let Ok(figures) = foretell_held_out(model, config.clone(), seed, &labels, rows, share);
-        figures
-    });
+    let figures = held_out.map(|share| foretell_held_out(model, config.clone(), seed, &labels, rows, share));
+    let figures = figures.transpose()?;
     if let Some(figures) = figures {
         let Figures { n, log_loss, floor, n_strict, agreement } =
             figures.context("there are too few answers to hold some out")?;
@@ -192,7 +190,7 @@ pub(super) fn fit_reward(
             100.0 * agreement.unwrap_or(0.0)
         );
     }
-    let Ok(fitted) = fit_anew(model, config, seed, &labels, rows, |_| ControlFlow::Continue(()));
+    let fitted = fit_anew(model, config, seed, &labels, rows, |_| ControlFlow::Continue(()))?;
     let Fitted { trainer, losses } = fitted.context("the fit was broken off")?;
     let after = store.session().n_entries();
     let fit = Fit {

@@ -70,7 +70,7 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
 
 fn read(dir: &Path, world: Option<&Path>) -> anyhow::Result<Judged> {
     let model = models::of_session(dir, world)?;
-    let (session, dreams) = SessionStore::read_dreams(dir, &model.hash())?;
+    let (session, dreams) = SessionStore::read_dreams(dir, model.identity())?;
     let mut screen = Screen::default();
     for (id, episode) in dreams {
         let signs = episode.signs(&model, || true).unwrap_or_else(|| unreachable!("nobody says no"));

@@ -185,6 +185,7 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
     let model = models::world_model(&world)?;
     models::require(&model, env)?;
     let probe = models::probe(options.probe.as_deref(), env)?;
+    probe.require(&model)?;
     let protocols = match &options.protocol[..] {
         [] => vec![Protocol::of_env(env.name())],
         asked => asked.to_vec(),
@@ -242,6 +243,7 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
         return Ok(());
     }
     let simulated = simulate(&model, &probe, &config, model.starts(), on_progress)
+        .context("the simulation cannot go on")?
         .context("the simulation was broken off")?;
     for dream in &simulated.dreams {
         store.save_dream(dream, DreamSource::Simulated)?;

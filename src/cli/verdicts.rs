@@ -37,7 +37,8 @@ pub(super) fn run(
     } else {
         simulate_dros(model, probe, config, model.starts(), on_progress)
     };
-    let simulated = simulated.context("the simulation was broken off")?;
+    let simulated =
+        simulated.context("the simulation cannot go on")?.context("the simulation was broken off")?;
     for (i, dream) in simulated.dreams.iter().enumerate() {
         match simulated.wanted.get(i) {
             Some(acquisition) => store.save_trajectory(dream, *acquisition)?,

@@ -11,8 +11,8 @@ use rand::Rng;
 
 use crate::env::{Action, Frame};
 use crate::query::SEGMENT_LEN;
-use crate::tensor::{from_slice, to_vec};
-use crate::world_model::{LatentState, Next, Noise, State, WorldModel, actions_tensor};
+use crate::tensor::{NotFinite, from_slice, to_vec};
+use crate::world_model::{LatentState, ModelIdentity, Next, Noise, State, WorldModel, actions_tensor};
 
 pub use screen::Screen;
 
@@ -116,6 +116,19 @@ impl DreamEpisode {
         }
     }
 
+    /// Fails where this was dreamed by networks of other shapes than those of `model`.
+    pub fn require(&self, model: &ModelIdentity) -> Result<(), String> {
+        let found = [self.start.z.len(), self.zs.width, self.start.c.len(), self.start.h.len()];
+        let (z, m) = (model.config().mdn_rnn.latent as usize, model.config().mdn_rnn.memory as usize);
+        if found == [z, z, m, m] {
+            return Ok(());
+        }
+        let [n_latents, _, n_memory, _] = found;
+        Err(format!(
+            "its states have {n_latents} latents and {n_memory} memory cells, and those of the world model {z} and {m}"
+        ))
+    }
+
     /// The features `[z | c | h]` of every step, remembered anew.
     pub fn features(&self, model: &WorldModel) -> Rows {
         let mut state = State::from(&self.start);
@@ -154,18 +167,29 @@ impl Dream {
     }
 
     /// Takes `action` and moves on by one step, with noise from `rng`.
-    pub fn step(&mut self, model: &WorldModel, action: Action, rng: &mut impl Rng) {
+    ///
+    /// Where that leads to what is no number the dream stays where it is, with all that was dreamed before.
+    pub fn step(&mut self, model: &WorldModel, action: Action, rng: &mut impl Rng) -> Result<(), NotFinite> {
         let noise = Noise::draw(1, model.config().mdn_rnn.latent, rng);
         let next = Next::Sample { temperature: TEMPERATURE, noise: &noise };
+        let next = model.imagine(&self.state, &actions_tensor(&[action]), next);
+        next.require_finite(&format!("step {} of the dream", self.episode.len() + 1))?;
         self.episode.zs.push(&to_vec(&self.state.z));
         self.episode.actions.push(action);
-        self.state = model.imagine(&self.state, &actions_tensor(&[action]), next);
+        self.state = next;
+        Ok(())
     }
 
     /// The same, with an action that the planner chose.
-    pub fn step_planned(&mut self, model: &WorldModel, action: Action, rng: &mut impl Rng) {
-        self.step(model, action, rng);
+    pub fn step_planned(
+        &mut self,
+        model: &WorldModel,
+        action: Action,
+        rng: &mut impl Rng,
+    ) -> Result<(), NotFinite> {
+        self.step(model, action, rng)?;
         self.episode.note_planned();
+        Ok(())
     }
 
     /// Marks the present step as unsafe.
@@ -211,12 +235,43 @@ mod tests {
         let mut live = Vec::new();
         for t in 0..30 {
             live.extend(to_vec(&dream.state().features()));
-            dream.step(&model, Action::new((t as f32).sin(), 0.5, 0.0), rng);
+            dream.step(&model, Action::new((t as f32).sin(), 0.5, 0.0), rng).unwrap();
         }
         let anew = dream.finish().features(&model);
         let apart = live.iter().zip(&anew.values).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
         assert_eq!(anew.len(), 30);
         assert!(apart < 1e-5, "{apart}");
+    }
+
+    /// A model whose memory explodes: finite parameters, and a state that is not after a few steps.
+    fn exploding() -> WorldModel {
+        let model = untrained(&WorldModelConfig::tiny(), &mut ChaCha8Rng::seed_from_u64(1));
+        // Means that are 1e30 of the outputs each, with which the next step's gates are all or nothing.
+        let head = model.parameters().tensor("mdn_rnn.head.weight").unwrap() * 1e38;
+        let parameters = model.parameters().with([("mdn_rnn.head.weight".to_owned(), head)]);
+        WorldModel::load(parameters).unwrap()
+    }
+
+    #[test]
+    fn a_dream_ends_where_numbers_end_and_keeps_what_was_before() {
+        let (model, rng) = (exploding(), &mut ChaCha8Rng::seed_from_u64(0));
+        let start = LatentState { z: vec![0.1; 4], c: vec![0.2; 16], h: vec![0.3; 16] };
+        let mut dream = Dream::new(&start, 0);
+        let met = (0..50).find_map(|_| dream.step(&model, Action::new(0.3, 1.0, 0.0), rng).err()).unwrap();
+        let n = dream.episode().len();
+        assert!(met.to_string().contains(&format!("step {} of the dream", n + 1)), "{met} after {n} steps");
+        assert!(dream.finish().zs.values.iter().all(|z| z.is_finite()), "what is kept is whole");
+    }
+
+    #[test]
+    fn a_dream_of_other_networks_is_named() {
+        let model = untrained(&WorldModelConfig::tiny(), &mut ChaCha8Rng::seed_from_u64(1));
+        let dream =
+            |z, m| DreamEpisode::new(LatentState { z: vec![0.0; z], c: vec![0.0; m], h: vec![0.0; m] }, 0);
+        assert_eq!(dream(4, 16).require(model.identity()), Ok(()));
+        let refused = dream(2, 16).require(model.identity()).unwrap_err();
+        assert!(refused.contains("2 latents and 16 memory cells"), "{refused}");
+        assert!(dream(4, 10).require(model.identity()).is_err());
     }
 
     #[test]
@@ -226,9 +281,9 @@ mod tests {
         let (mut dream, rng) = (Dream::new(&start, 0), &mut ChaCha8Rng::seed_from_u64(0));
         for t in 0..9 {
             if [2, 3, 4, 8].contains(&t) {
-                dream.step_planned(&model, Action::default(), rng);
+                dream.step_planned(&model, Action::default(), rng).unwrap();
             } else {
-                dream.step(&model, Action::default(), rng);
+                dream.step(&model, Action::default(), rng).unwrap();
             }
         }
         let episode = dream.finish();
@@ -243,7 +298,7 @@ mod tests {
         let drive = |seed| {
             let rng = &mut ChaCha8Rng::seed_from_u64(seed);
             let mut dream = Dream::new(&start, 0);
-            (0..10).for_each(|_| dream.step(&model, Action::default(), rng));
+            (0..10).for_each(|_| dream.step(&model, Action::default(), rng).unwrap());
             dream.finish().zs
         };
         assert_eq!(drive(5), drive(5));

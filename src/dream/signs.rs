@@ -113,7 +113,7 @@ mod tests {
         let model = untrained(&WorldModelConfig::tiny(), rng);
         let start = LatentState { z: vec![0.1; 4], c: vec![0.2; 16], h: vec![0.3; 16] };
         let mut dream = Dream::new(&start, 3);
-        (0..120).for_each(|t| dream.step(&model, Action::new((t as f32).sin(), 0.5, 0.0), rng));
+        (0..120).for_each(|t| dream.step(&model, Action::new((t as f32).sin(), 0.5, 0.0), rng).unwrap());
         let dream = dream.finish();
         let signs = dream.signs(&model, || true).unwrap();
         assert_eq!((signs.len(), signs.width), (120, N_SIGNS));

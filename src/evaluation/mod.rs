@@ -16,6 +16,7 @@ use std::time::Instant;
 use crate::env::{Action, Env, Frame, Outcome, Seed};
 use crate::planner::{Agent, Plan};
 use crate::reward::RewardModel;
+use crate::tensor::NotFinite;
 use crate::world_model::WorldModel;
 
 pub use agreement::{Agreement, kappa};
@@ -50,8 +51,8 @@ impl TracksAlike {
 
 /// Whoever drives.
 pub trait Policy {
-    /// The action for what is seen.
-    fn act(&mut self, frame: &Frame) -> Action;
+    /// The action for what is seen, unless what it is chosen by is no number.
+    fn act(&mut self, frame: &Frame) -> Result<Action, NotFinite>;
 
     /// Hears what the world was given, which an aid may have changed.
     fn acted(&mut self, executed: Action);
@@ -79,19 +80,20 @@ pub struct Step<'a> {
 
 /// Lets `policy` drive an episode of `env` from `seed` to its end, or until `on_step` breaks.
 ///
-/// After a break the metrics are those of the steps so far.
+/// After a break the metrics are those of the steps so far. Where the policy meets what is no number, the episode ends.
 pub fn evaluate_episode(
     env: &mut dyn Env,
     seed: Seed,
     policy: &mut dyn Policy,
     mut on_step: impl FnMut(&dyn Env, &Step<'_>) -> ControlFlow<()>,
-) -> EpisodeMetrics {
+) -> Result<EpisodeMetrics, NotFinite> {
     let mut tally = Tally::default();
     env.reset(seed);
     for t in 0.. {
         let frame = env.frame();
         let asked = Instant::now();
-        let action = policy.act(&frame);
+        let action =
+            policy.act(&frame).map_err(|NotFinite(what)| NotFinite(format!("{what} at step {t}")))?;
         let secs = asked.elapsed().as_secs_f64();
         let outcome = env.advance(action);
         let executed = env.executed().unwrap_or(action);
@@ -103,7 +105,7 @@ pub fn evaluate_episode(
             break;
         }
     }
-    tally.metrics()
+    Ok(tally.metrics())
 }
 
 /// The method's driver: an [`Agent`] with the models that it asks.
@@ -123,10 +125,10 @@ impl<'a, R: RewardModel> PlanningPolicy<'a, R> {
 }
 
 impl<R: RewardModel> Policy for PlanningPolicy<'_, R> {
-    fn act(&mut self, frame: &Frame) -> Action {
-        let (action, plan) = self.agent.act(self.model, self.reward, frame);
+    fn act(&mut self, frame: &Frame) -> Result<Action, NotFinite> {
+        let (action, plan) = self.agent.act(self.model, self.reward, frame)?;
         self.is_fresh = plan.is_some();
-        action
+        Ok(action)
     }
 
     fn acted(&mut self, executed: Action) {
@@ -143,8 +145,8 @@ impl<R: RewardModel> Policy for PlanningPolicy<'_, R> {
 pub struct StraightOn;
 
 impl Policy for StraightOn {
-    fn act(&mut self, _: &Frame) -> Action {
-        Action::new(0.0, 0.1, 0.0)
+    fn act(&mut self, _: &Frame) -> Result<Action, NotFinite> {
+        Ok(Action::new(0.0, 0.1, 0.0))
     }
 
     fn acted(&mut self, _: Action) {}
@@ -197,7 +199,8 @@ mod tests {
         let metrics = evaluate_episode(&mut TenSteps(5), Seed::Native(0), &mut StraightOn, |_, step| {
             seen.push(step.t);
             ControlFlow::Continue(())
-        });
+        })
+        .unwrap();
         assert_eq!(seen, (0..10).collect::<Vec<_>>());
         assert_eq!(
             (metrics.n_steps, metrics.ret, metrics.new_tile_rate, metrics.grass_rate),
@@ -211,7 +214,8 @@ mod tests {
         let stop_at_three = |_: &dyn Env, step: &Step<'_>| {
             if step.t == 3 { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
         };
-        let metrics = evaluate_episode(&mut TenSteps(0), Seed::Native(0), &mut StraightOn, stop_at_three);
+        let metrics =
+            evaluate_episode(&mut TenSteps(0), Seed::Native(0), &mut StraightOn, stop_at_three).unwrap();
         assert_eq!((metrics.n_steps, metrics.finished), (4, false));
     }
 
@@ -224,7 +228,8 @@ mod tests {
             let metrics = evaluate_episode(&mut env, seed, &mut StraightOn, |_, step| {
                 executed = step.executed;
                 ControlFlow::Break(())
-            });
+            })
+            .unwrap();
             assert_eq!((metrics.n_steps, metrics.car_rate), (1, None), "no cars, no rate of them");
             executed
         };
@@ -243,7 +248,8 @@ mod tests {
         let metrics = evaluate_episode(&mut TenSteps(0), Seed::Native(0), &mut policy, |_, step| {
             planned.extend(step.plan.map(|_| step.t));
             ControlFlow::Continue(())
-        });
+        })
+        .unwrap();
         assert_eq!(planned, [0, 4, 8]);
         assert!(metrics.plan_ms_mean.is_some_and(|ms| ms > 0.0), "plans take time");
     }

@@ -6,6 +6,7 @@ use rand_chacha::ChaCha8Rng;
 use crate::env::{Action, Frame};
 use crate::planner::{Plan, PlannerConfig, plan};
 use crate::reward::RewardModel;
+use crate::tensor::NotFinite;
 use crate::world_model::{Memory, State, WorldModel, actions_tensor};
 
 /// A driver for one episode.
@@ -37,13 +38,14 @@ impl Agent {
 
     /// The action for what is seen now, and the plan if one was made for it.
     ///
+    /// Where what is seen or planned is no number, nothing is driven.
     /// Between plans the last one is driven blindly, though memory takes in what is seen.
     pub fn act(
         &mut self,
         model: &WorldModel,
         reward: &impl RewardModel,
         frame: &Frame,
-    ) -> (Action, Option<&Plan>) {
+    ) -> Result<(Action, Option<&Plan>), NotFinite> {
         let z = model.observe(std::slice::from_ref(frame));
         let state = State { z, memory: self.memory(model) };
         // A reset in the middle of a plan does not end it (method §4.6).
@@ -51,12 +53,15 @@ impl Agent {
         if step == 0 {
             self.plan = None;
         }
-        let (config, rng) = (&self.config, &mut self.rng);
-        let plan = self.plan.get_or_insert_with(|| plan(model, reward, &state, config, rng));
+        if self.plan.is_none() {
+            state.require_finite("what is seen now")?;
+            self.plan = Some(plan(model, reward, &state, &self.config, &mut self.rng)?);
+        }
+        let Some(plan) = &self.plan else { unreachable!("one was just made where there was none") };
         let action = plan.best().actions[step];
         self.last = Some((state, action));
         self.t += 1;
-        (action, (step == 0).then_some(plan))
+        Ok((action, (step == 0).then_some(plan)))
     }
 
     /// Says what was executed, where that is not what [`Self::act`] returned.
@@ -108,7 +113,7 @@ mod tests {
         let (model, reward, frame) = world();
         let mut agent = Agent::new(PlannerConfig::car_racing(), 0);
         for t in 0..12 {
-            let (action, plan) = agent.act(&model, &reward, &frame);
+            let (action, plan) = agent.act(&model, &reward, &frame).unwrap();
             assert_eq!(plan.is_some(), t % 4 == 0);
             assert_eq!(agent.plan().map(|plan| plan.best().actions[t % 4]), Some(action));
         }
@@ -119,7 +124,7 @@ mod tests {
         let (model, reward, frame) = world();
         let remembered = |executed: Option<Action>| {
             let mut agent = Agent::new(PlannerConfig::car_racing(), 0);
-            let (planned, _) = agent.act(&model, &reward, &frame);
+            let (planned, _) = agent.act(&model, &reward, &frame).unwrap();
             agent.acted(executed.unwrap_or(planned));
             to_vec(&agent.memory(&model).c)
         };
@@ -133,12 +138,12 @@ mod tests {
         for t in 0..101 {
             let is_empty = to_vec(&agent.memory(&model).c).iter().all(|c| *c == 0.0);
             assert_eq!(is_empty, t % 50 == 0, "at step {t}");
-            agent.act(&model, &reward, &frame);
+            agent.act(&model, &reward, &frame).unwrap();
         }
         let config = PlannerConfig { memory_reset: None, ..PlannerConfig::car_racing() };
         let mut agent = Agent::new(config, 0);
         for _ in 0..50 {
-            agent.act(&model, &reward, &frame);
+            agent.act(&model, &reward, &frame).unwrap();
         }
         assert!(to_vec(&agent.memory(&model).c).iter().any(|c| *c != 0.0), "it need not forget");
     }

@@ -6,6 +6,7 @@ use rand_chacha::ChaCha8Rng;
 use crate::env::Action;
 use crate::planner::{Plan, PlannerConfig, plan};
 use crate::reward::RewardModel;
+use crate::tensor::NotFinite;
 use crate::world_model::{State, WorldModel};
 
 /// Drives for as long as nobody else does.
@@ -32,17 +33,25 @@ impl CoDriver {
     }
 
     /// The action in `state`, by a new plan where the last one is used up.
-    pub fn act(&mut self, model: &WorldModel, reward: &impl RewardModel, state: &State) -> Action {
-        if self.step >= self.config.replan.clamp(1, self.config.horizon) {
-            self.plan = None;
-        }
-        let (config, rng, step) = (&self.config, &mut self.rng, &mut self.step);
-        let plan = self.plan.get_or_insert_with(|| {
-            *step = 0;
-            plan(model, reward, state, config, rng)
-        });
-        *step += 1;
-        plan.best().actions[*step - 1]
+    ///
+    /// Where what it promises itself is no number, it does not drive.
+    pub fn act(
+        &mut self,
+        model: &WorldModel,
+        reward: &impl RewardModel,
+        state: &State,
+    ) -> Result<Action, NotFinite> {
+        let is_driven = self.step >= self.config.replan.clamp(1, self.config.horizon);
+        let current = if let Some(current) = self.plan.take().filter(|_| !is_driven) {
+            current
+        } else {
+            self.step = 0;
+            plan(model, reward, state, &self.config, &mut self.rng)?
+        };
+        let action = current.best().actions[self.step];
+        self.step += 1;
+        self.plan = Some(current);
+        Ok(action)
     }
 }
 
@@ -60,10 +69,10 @@ mod tests {
         let state = LatentState { z: vec![0.3; 4], c: vec![0.1; 16], h: vec![0.2; 16] };
         let (state, config) = (State::from(&state), PlannerConfig::car_racing());
         let mut driver = CoDriver::new(config.clone(), 9);
-        let driven: Vec<Action> = (0..6).map(|_| driver.act(&model, &reward, &state)).collect();
+        let driven: Vec<Action> = (0..6).map(|_| driver.act(&model, &reward, &state).unwrap()).collect();
         let rng = &mut ChaCha8Rng::seed_from_u64(9);
         let [first, second] =
-            [(); 2].map(|()| plan(&model, &reward, &state, &config, rng).best().actions.clone());
+            [(); 2].map(|()| plan(&model, &reward, &state, &config, rng).unwrap().best().actions.clone());
         assert_eq!(driven, [&first[..4], &second[..2]].concat());
     }
 
@@ -75,11 +84,11 @@ mod tests {
         let state = State::from(&LatentState { z: vec![0.3; 4], c: vec![0.1; 16], h: vec![0.2; 16] });
         let near = PlannerConfig { horizon: 2, ..PlannerConfig::paper() };
         let mut driver = CoDriver::new(near.clone(), 9);
-        driver.act(&model, &reward, &state);
+        driver.act(&model, &reward, &state).unwrap();
         driver.plan_by(near.clone());
         assert!(driver.plan.is_some(), "the same config changes nothing");
         driver.plan_by(near.for_transitions());
-        let rest: Vec<Action> = (0..4).map(|_| driver.act(&model, &reward, &state)).collect();
+        let rest: Vec<Action> = (0..4).map(|_| driver.act(&model, &reward, &state).unwrap()).collect();
         let plan = driver.plan.as_ref().map(|plan| plan.best().actions.clone()).unwrap_or_default();
         assert_eq!((plan.len(), &rest[..]), (25, &plan[..4]));
     }

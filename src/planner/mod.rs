@@ -14,7 +14,7 @@ use tch::{Kind, Tensor};
 use crate::dream::Rows;
 use crate::env::Action;
 use crate::reward::{RewardModel, scaled_actions_tensor};
-use crate::tensor::to_vec;
+use crate::tensor::{NotFinite, to_vec};
 use crate::world_model::{Next, State, WorldModel, actions_tensor};
 
 pub use agent::Agent;
@@ -98,6 +98,8 @@ impl Plan {
 
 /// Imagines every candidate from `state` and chooses the best.
 ///
+/// Where a return is not a number there is nothing to choose by.
+///
 /// # Shapes
 /// - `state`: a batch of one
 pub fn plan(
@@ -106,7 +108,7 @@ pub fn plan(
     state: &State,
     config: &PlannerConfig,
     rng: &mut impl Rng,
-) -> Plan {
+) -> Result<Plan, NotFinite> {
     judge(model, reward, state, config, candidates(config, rng))
 }
 
@@ -121,7 +123,7 @@ fn judge(
     state: &State,
     config: &PlannerConfig,
     all: Vec<Vec<Action>>,
-) -> Plan {
+) -> Result<Plan, NotFinite> {
     let (n, horizon) = (all.len() as i64, config.horizon as i64);
     let by_time: Vec<Action> =
         (0..config.horizon).flat_map(|t| all.iter().map(move |actions| actions[t])).collect();
@@ -137,6 +139,9 @@ fn judge(
     }
     let rewards = reward.rewards(&Tensor::cat(&features, 0), &scaled_actions_tensor(&by_time)); // [H · S]
     let returns = to_vec(&rewards.view([horizon, n]).sum_dim_intlist(0, false, Kind::Float));
+    if let Some(i) = returns.iter().position(|promised| !promised.is_finite()) {
+        return Err(NotFinite(format!("what the planner promises itself of its course of action {}", i + 1)));
+    }
     let zs = Tensor::stack(&zs, 1); // [S, H, Z]
     let width = zs.size()[2] as usize;
     let zs = to_vec(&zs);
@@ -144,7 +149,7 @@ fn judge(
     let imagined = all.into_iter().zip(zs).zip(&returns);
     let candidates =
         imagined.map(|((actions, zs), &predicted_return)| Candidate { actions, predicted_return, zs });
-    Plan { candidates: candidates.collect(), chosen: first_maximum(&returns) }
+    Ok(Plan { candidates: candidates.collect(), chosen: first_maximum(&returns) })
 }
 
 /// Where the highest of `values` comes first.
@@ -182,11 +187,26 @@ mod tests {
     #[test]
     fn the_first_of_the_best_candidates_is_chosen() {
         let model = untrained(&WorldModelConfig::tiny(), &mut rng());
-        let plan = plan(&model, &RightTurner, &here(&model), &PlannerConfig::car_racing(), &mut rng());
+        let plan =
+            plan(&model, &RightTurner, &here(&model), &PlannerConfig::car_racing(), &mut rng()).unwrap();
         // Candidates 2 and 5 turn right throughout; the former comes first.
         assert_eq!((plan.chosen, plan.best().predicted_return), (2, 25.0));
         assert_eq!(plan.candidates[0].predicted_return, 0.0);
         assert_eq!(first_maximum(&[1.0, 3.0, 3.0, f32::NAN]), 1);
+    }
+
+    #[test]
+    fn nothing_is_chosen_by_what_is_no_number() {
+        struct Doubter;
+        impl RewardModel for Doubter {
+            fn rewards(&self, _: &Tensor, scaled_actions: &Tensor) -> Tensor {
+                scaled_actions.select(-1, 0).log() // of what is below 0 it is none
+            }
+        }
+        let model = untrained(&WorldModelConfig::tiny(), &mut rng());
+        let met =
+            plan(&model, &Doubter, &here(&model), &PlannerConfig::car_racing(), &mut rng()).unwrap_err();
+        assert!(met.to_string().contains("course of action 1"), "{met}");
     }
 
     #[test]
@@ -195,9 +215,9 @@ mod tests {
         let reward =
             RewardEnsemble::new(36, "sha256:0", RewardConfig::tiny(), &mut rng()).in_kind(Kind::Float);
         let config = PlannerConfig::car_racing();
-        let together = plan(&model, &reward, &here(&model), &config, &mut rng());
+        let together = plan(&model, &reward, &here(&model), &config, &mut rng()).unwrap();
         for one in &together.candidates {
-            let alone = judge(&model, &reward, &here(&model), &config, vec![one.actions.clone()]);
+            let alone = judge(&model, &reward, &here(&model), &config, vec![one.actions.clone()]).unwrap();
             assert!((alone.best().predicted_return - one.predicted_return).abs() < 1e-4);
             let apart = alone.best().zs.values.iter().zip(&one.zs.values).map(|(a, b)| (a - b).abs());
             assert!(apart.fold(0.0, f32::max) < 1e-5, "the latents are the same too");
@@ -230,7 +250,7 @@ mod tests {
         let reward =
             RewardEnsemble::new(36, "sha256:0", RewardConfig::tiny(), &mut rng()).in_kind(Kind::Float);
         let config = PlannerConfig { horizon: 4, ..PlannerConfig::car_racing() };
-        let best = plan(&model, &reward, &here(&model), &config, &mut rng()).best().clone();
+        let best = plan(&model, &reward, &here(&model), &config, &mut rng()).unwrap().best().clone();
         let (mut state, mut sum) = (here(&model), 0.0);
         for action in &best.actions {
             let scaled = scaled_actions_tensor(&[*action]);

@@ -12,7 +12,7 @@ use crate::dream::{DreamEpisode, Rows};
 use crate::env::Action;
 use crate::query::TRAJECTORY_LEN;
 use crate::reward::SparseReward;
-use crate::tensor::{from_slice, to_vec};
+use crate::tensor::{NotFinite, from_slice, to_vec};
 use crate::world_model::{LatentState, State, WorldModel};
 
 /// How many actions a trajectory has that lead from state to state.
@@ -83,7 +83,7 @@ impl SynthesisConfig {
 
 /// For each start the trajectory that serves its acquisition best; `seen` are the latents that labeled transitions led to.
 ///
-/// Nothing comes where `on_iteration` breaks off.
+/// Nothing comes where `on_iteration` breaks off; where what a search wants to be small is no number, that is the error.
 ///
 /// `// DIFFERENCE:` all searches go on side by side, each with moments of its own, and what is kept is the actions that
 /// led to the states that are kept (method §14.30).
@@ -98,7 +98,7 @@ pub fn synthesize(
     config: &SynthesisConfig,
     rng: &mut impl Rng,
     on_iteration: &mut dyn FnMut(usize) -> ControlFlow<()>,
-) -> Option<Vec<DreamEpisode>> {
+) -> Result<Option<Vec<DreamEpisode>>, NotFinite> {
     // Only the actions are moved: no gradient of anything else is asked for.
     let reward = &reward.frozen();
     let n_searches = BEGINNINGS.len() + 1;
@@ -115,7 +115,13 @@ pub fn synthesize(
         let references = seen.map(|seen| drawn(seen, rng));
         let (zs, features) = imagined(model, &start, &actions, config.temperature);
         let losses = losses(reward, wanted, &zs, &features, &actions, references.as_ref(), n_searches);
-        for (idx, (best, &loss)) in best.iter_mut().zip(&to_vec(&losses.detach())).enumerate() {
+        let values = to_vec(&losses.detach());
+        if values.iter().any(|loss| !loss.is_finite()) {
+            let what =
+                format!("what the search for a trajectory wants to be small, at its iteration {}", i + 1);
+            return Err(NotFinite(what));
+        }
+        for (idx, (best, &loss)) in best.iter_mut().zip(&values).enumerate() {
             if best.as_ref().is_none_or(|(least, ..)| loss < *least) {
                 let at = |tensor: &Tensor| tensor.detach().select(0, idx as i64).copy();
                 *best = Some((loss, at(&zs), at(&actions)));
@@ -123,13 +129,15 @@ pub fn synthesize(
         }
         adam.backward_step(&losses.sum(Kind::Float));
         tch::no_grad(|| actions.copy_(&actions.maximum(&low).minimum(&high)));
-        on_iteration(i + 1).is_continue().then_some(())?;
+        if on_iteration(i + 1).is_break() {
+            return Ok(None);
+        }
     }
     let best_of = |searches: &[Option<(f32, Tensor, Tensor)>], start: &LatentState| {
         let found = searches.iter().flatten().min_by(|a, b| a.0.total_cmp(&b.0));
         found.map(|(_, zs, actions)| episode(start, zs, actions))
     };
-    best.chunks(n_searches).zip(wanted).map(|(searches, (start, _))| best_of(searches, start)).collect()
+    Ok(best.chunks(n_searches).zip(wanted).map(|(searches, (start, _))| best_of(searches, start)).collect())
 }
 
 /// The actions that searches begin with, `[B, 49, A]`.
@@ -277,7 +285,7 @@ mod tests {
         let found = |iterations| {
             let config = SynthesisConfig { iterations, learning_rate: 0.05, ..SynthesisConfig::paper() };
             let go_on = &mut |_| ControlFlow::Continue(());
-            synthesize(&model, &reward, &wanted, None, &config, &mut rng(), go_on).unwrap()
+            synthesize(&model, &reward, &wanted, None, &config, &mut rng(), go_on).unwrap().unwrap()
         };
         let worth = |dream: &DreamEpisode| {
             let features = dream.features(&model);
@@ -305,7 +313,7 @@ mod tests {
         let config = SynthesisConfig { iterations: 3, ..SynthesisConfig::paper() };
         let wanted = [(&start, Acquisition::Uncertainty)];
         let go_on = &mut |_| ControlFlow::Continue(());
-        let made = synthesize(&model, &reward, &wanted, None, &config, &mut rng(), go_on).unwrap();
+        let made = synthesize(&model, &reward, &wanted, None, &config, &mut rng(), go_on).unwrap().unwrap();
         let dream = &made[0];
         assert_eq!((dream.len(), dream.zs.len(), dream.zs.row(0)), (50, 50, &start.z[..]));
         let actions = crate::world_model::actions_tensor(&dream.actions[..49]).unsqueeze(0);

@@ -13,7 +13,7 @@ use crate::env::{Action, ScaledAction};
 use crate::query::{Label, SEGMENT_LEN, SegmentRef};
 use crate::reward::figures::{Figures, Foretold};
 use crate::reward::{RewardConfig, RewardEnsemble};
-use crate::tensor::{dims, from_slice, to_vec};
+use crate::tensor::{NotFinite, dims, from_slice, require_finite, to_vec};
 
 /// How many answers the recent figures look back on.
 pub const RECENT: usize = 50;
@@ -158,20 +158,26 @@ impl Trainer {
 
     /// Fits a fresh ensemble to all answers, as the authors do: no validation split, a fixed number of steps.
     ///
-    /// Stops early, keeping what it has, where `on_epoch` breaks.
+    /// Stops early, keeping what it has, where `on_epoch` breaks; and fails at the first loss that is no number, after which
+    /// nothing that it has is worth keeping.
     pub fn fit(
         &mut self,
         rng: &mut impl Rng,
         mut on_epoch: impl FnMut(&EpochReport) -> ControlFlow<()>,
-    ) -> ControlFlow<()> {
+    ) -> Result<ControlFlow<()>, NotFinite> {
         self.begin_anew(rng);
         let n_epochs = self.ensemble.config.epochs(self.pairs.len());
         for epoch in 1..=n_epochs {
             let left = 1.0 - (epoch - 1) as f64 / n_epochs as f64;
             self.adam.set_lr(self.ensemble.config.learning_rate * left);
-            on_epoch(&EpochReport { epoch, n_epochs, losses: self.epoch(rng) })?;
+            let losses = self.epoch(rng);
+            require_losses(&losses, epoch, "the reward")?;
+            if on_epoch(&EpochReport { epoch, n_epochs, losses }).is_break() {
+                return Ok(ControlFlow::Break(()));
+            }
         }
-        ControlFlow::Continue(())
+        require_finite(&self.ensemble.store, "the reward")?;
+        Ok(ControlFlow::Continue(()))
     }
 
     /// Goes through all answers once, each member in an order of its own, and returns the losses before the steps.
@@ -197,18 +203,18 @@ impl Trainer {
         fraction: f64,
         rng: &mut impl Rng,
         on_epoch: impl FnMut(&EpochReport) -> ControlFlow<()>,
-    ) -> Option<Figures> {
+    ) -> Result<Option<Figures>, NotFinite> {
         let mut pairs = self.pairs.clone();
         pairs.shuffle(rng);
         let held_out = pairs.split_off(pairs.len() - (fraction * pairs.len() as f64).round() as usize);
         if pairs.is_empty() || held_out.is_empty() {
-            return None;
+            return Ok(None);
         }
         let mut rest = Self { pairs, ..Self::new(self.ensemble.fresh(rng)) };
-        if rest.fit(rng, on_epoch).is_break() {
-            return None;
+        if rest.fit(rng, on_epoch)?.is_break() {
+            return Ok(None);
         }
-        Figures::of(&held_out.iter().map(|pair| rest.foretell(pair)).collect::<Vec<_>>())
+        Ok(Figures::of(&held_out.iter().map(|pair| rest.foretell(pair)).collect::<Vec<_>>()))
     }
 
     /// A fresh ensemble that thinks nothing of any state yet.
@@ -251,6 +257,16 @@ impl Trainer {
         let returns = returns.mean_dim(0, false, Kind::Float); // [1, 2]
         let gap = returns.double_value(&[0, 0]) - returns.double_value(&[0, 1]);
         Foretold { p: 1.0 / (1.0 + (-gap).exp()), label: pair.label }
+    }
+}
+
+/// Fails where a loss is not a number: an ensemble's of each network, or of all together.
+pub(super) fn require_losses(losses: &[f64], epoch: usize, whose: &str) -> Result<(), NotFinite> {
+    match losses.iter().position(|loss| !loss.is_finite()) {
+        Some(i) => {
+            Err(NotFinite(format!("the loss of {whose} (network {}) in epoch {epoch} of the fit", i + 1)))
+        }
+        None => Ok(()),
     }
 }
 
@@ -358,7 +374,7 @@ mod tests {
             last.clone_from(&report.losses);
             ControlFlow::Continue(())
         });
-        assert!(done.is_continue() && last.iter().all(|loss| *loss < 0.1), "{last:?}");
+        assert!(done.unwrap().is_continue() && last.iter().all(|loss| *loss < 0.1), "{last:?}");
         let all: Vec<_> = trainer.pairs.iter().map(|pair| trainer.foretell(pair)).collect();
         assert_eq!(Figures::of(&all).unwrap().agreement, Some(1.0));
     }
@@ -376,7 +392,7 @@ mod tests {
         let fit = |seed| {
             let mut trainer = trainer(RewardConfig::tiny());
             assert!(
-                trainer.fit(&mut rng(seed), |_| ControlFlow::Continue(())).is_continue(),
+                trainer.fit(&mut rng(seed), |_| ControlFlow::Continue(())).unwrap().is_continue(),
                 "nobody stops it"
             );
             trainer.ensemble().parameters().hash()
@@ -392,7 +408,23 @@ mod tests {
             n_epochs += 1;
             if n_epochs == 3 { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
         });
-        assert_eq!((stopped, n_epochs), (ControlFlow::Break(()), 3));
+        assert_eq!((stopped, n_epochs), (Ok(ControlFlow::Break(())), 3));
+    }
+
+    #[test]
+    fn a_fit_ends_at_the_first_loss_that_is_no_number() {
+        let mut trainer = trainer(RewardConfig::tiny());
+        let odd =
+            SegmentPair { left: vec![f32::NAN; 20 * (F as usize + 3)], ..pair(SafetyAnswer::OnlyLeft, 9) };
+        trainer.take_up(&odd);
+        let mut n_epochs = 0;
+        let met = trainer.fit(&mut rng(0), |_| {
+            n_epochs += 1;
+            ControlFlow::Continue(())
+        });
+        let met = met.unwrap_err().to_string();
+        assert!(n_epochs == 0 && met.contains("epoch 1") && met.contains("network 1"), "{met}");
+        assert!(trainer.held_out(0.1, &mut rng(0), |_| ControlFlow::Continue(())).is_err());
     }
 
     #[test]
@@ -432,8 +464,8 @@ mod tests {
     fn answers_can_be_held_out() {
         let trainer = trainer(RewardConfig::tiny());
         let figures = trainer.held_out(0.25, &mut rng(0), |_| ControlFlow::Continue(()));
-        assert_eq!(figures.map(|figures| figures.n), Some(2));
-        assert_eq!(trainer.held_out(0.0, &mut rng(0), |_| ControlFlow::Continue(())), None);
+        assert_eq!(figures.unwrap().map(|figures| figures.n), Some(2));
+        assert_eq!(trainer.held_out(0.0, &mut rng(0), |_| ControlFlow::Continue(())), Ok(None));
     }
 
     #[test]

@@ -4,6 +4,7 @@ use tch::Tensor;
 
 use crate::reward::{FrozenReward, RewardEnsemble, RewardError, RewardModel, SparseReward};
 use crate::tensor::Parameters;
+use crate::world_model::ModelIdentity;
 
 /// What a planner is given.
 #[derive(Debug)]
@@ -15,14 +16,11 @@ pub enum LearnedReward {
 }
 
 impl LearnedReward {
-    /// The reward in `parameters`, which must have been learned with the world model whose hash is `wanted`.
-    pub fn load(parameters: &Parameters, wanted: &str) -> Result<Self, RewardError> {
+    /// The reward in `parameters`, which must have been learned with the world model that is `wanted`.
+    pub fn load(parameters: &Parameters, wanted: &ModelIdentity) -> Result<Self, RewardError> {
         if SparseReward::is_in(parameters) {
             let reward = SparseReward::load(parameters)?;
-            if reward.world_model() != wanted {
-                let found = reward.world_model().to_owned();
-                return Err(RewardError::OtherWorldModel { found, wanted: wanted.to_owned() });
-            }
+            reward.require(wanted)?;
             return Ok(Self::Verdicts(reward.frozen()));
         }
         let reward = RewardEnsemble::load(parameters)?;

@@ -17,8 +17,13 @@ use serde::{Deserialize, Serialize};
 use tch::{Device, Kind, Tensor, nn};
 
 use crate::env::{Action, ScaledAction};
-use crate::tensor::{Parameters, ParametersError, dims, from_slice, uniform};
-use crate::world_model::fast_kind;
+use crate::tensor::limits::{
+    MAX_COUNT, MAX_LATENTS, MAX_LAYERS, MAX_MEMBERS, MAX_MEMORY, MAX_WIDTH, OutOfRange, named, within,
+};
+use crate::tensor::{
+    LAYOUT, Parameters, ParametersError, Slot, described, describes, dims, from_slice, uniform,
+};
+use crate::world_model::{ModelIdentity, fast_kind};
 
 pub use figures::Figures;
 pub use fit::{EpochReport, SegmentPair, Trainer, segment_rows};
@@ -63,6 +68,16 @@ impl RewardConfig {
         self.updates.div_ceil(n_labels.div_ceil(self.batch).max(1)).min(MAX_EPOCHS)
     }
 
+    /// Fails where no ensemble can be of this shape, or be fitted so.
+    pub fn check(&self) -> Result<(), OutOfRange> {
+        within("the number of the reward's networks", self.members, 1..=MAX_MEMBERS)?;
+        within("the width of the reward's layers", self.hidden, 1..=MAX_WIDTH)?;
+        within("the number of the reward's hidden layers", self.layers, 1..=MAX_LAYERS)?;
+        within("the number of the reward's updates", self.updates, 0..=MAX_COUNT)?;
+        within("the number of labels in a batch of the reward", self.batch, 1..=MAX_COUNT)?;
+        within("the reward's learning rate", self.learning_rate, 0.0..=1e3)
+    }
+
     /// A toy for tests.
     pub fn tiny() -> Self {
         Self { members: 2, hidden: 16, layers: 2, updates: 40, batch: 4, learning_rate: 1e-2 }
@@ -86,7 +101,7 @@ pub trait RewardModel {
 /// ```
 ///
 /// A member is `layers` times (linear, leaky ReLU of slope 0.01) and one linear output.
-/// All members are stored stacked, so that each layer of the whole ensemble is one batched product.
+/// All members lie stacked, so that each layer of the whole ensemble is one batched product.
 #[derive(Debug)]
 pub struct RewardEnsemble {
     config: RewardConfig,
@@ -112,10 +127,21 @@ struct Layer {
 pub enum RewardError {
     /// The parameters are wrong.
     #[error("cannot load the reward: {0}")]
-    Parameters(#[from] ParametersError),
+    Parameters(ParametersError),
     /// The header does not describe an ensemble.
     #[error("cannot load the reward: its header does not describe one ({0})")]
     Header(String),
+    /// The header describes an ensemble that cannot be.
+    #[error("cannot load the reward: {0}")]
+    Config(OutOfRange),
+    /// It reads states of another width.
+    #[error("the reward reads {found} features of a state, where the world model's states have {wanted}")]
+    Features {
+        /// How many it reads.
+        found: i64,
+        /// How many there are.
+        wanted: i64,
+    },
     /// It reads the features of another world model.
     #[error("the reward was learned in the dreams of the world model {found}, but this one is {wanted}")]
     OtherWorldModel {
@@ -126,12 +152,64 @@ pub enum RewardError {
     },
 }
 
+impl From<ParametersError> for RewardError {
+    fn from(met: ParametersError) -> Self {
+        Self::Parameters(met)
+    }
+}
+
 /// What the header of the parameters holds beside the names and shapes.
 #[derive(Serialize, Deserialize)]
-struct Header {
-    config: RewardConfig,
+#[serde(deny_unknown_fields)]
+struct Header<C> {
+    config: C,
     n_features: i64,
     world_model: String,
+}
+
+impl<C: Serialize + for<'de> Deserialize<'de>> Header<C> {
+    /// The layout and the header of `parameters`, under `key`; `check` says whether its configuration can be.
+    fn of(
+        parameters: &Parameters,
+        key: &str,
+        check: impl FnOnce(&C) -> Result<(), OutOfRange>,
+    ) -> Result<(u32, Self), RewardError> {
+        let told = describes::<Self>(parameters.metadata(key).as_deref());
+        let (layout, header) = told.map_err(RewardError::Header)?;
+        let Self { config, n_features, world_model } = &header;
+        let most = MAX_LATENTS + 2 * MAX_MEMORY;
+        check(config)
+            .and_then(|()| within("the number of features that the reward reads", *n_features, 1..=most))
+            .and_then(|()| named("the hash of the reward's world model", world_model))
+            .map_err(RewardError::Config)?;
+        Ok((layout, header))
+    }
+}
+
+/// How the layers of an ensemble are stored: `layers` hidden ones of `hidden` units, and one of `outputs`.
+fn stacked_slots(members: i64, inputs: i64, hidden: i64, layers: usize, outputs: i64) -> Vec<Slot> {
+    let mut slots = Vec::new();
+    let mut inputs = inputs;
+    for i in 0..=layers {
+        let outputs = if i == layers { outputs } else { hidden };
+        let weight = Slot::plain(format!("{i}.weight"), &[members, outputs, inputs]);
+        let bias = Slot::plain(format!("{i}.bias"), &[members, outputs]);
+        slots.push(weight.rearranged(&[0, 2, 1], &[members, inputs, outputs]));
+        slots.push(bias.rearranged(&[0, 1], &[members, 1, outputs]));
+        inputs = outputs;
+    }
+    slots
+}
+
+/// Fails where a reward over `n_features` features of the world model called `named` is not one over those of `wanted`.
+fn require_model(named: &str, n_features: i64, wanted: &ModelIdentity) -> Result<(), RewardError> {
+    if !wanted.is(named) {
+        return Err(RewardError::OtherWorldModel { found: named.to_owned(), wanted: wanted.hash() });
+    }
+    match wanted.config().n_features() {
+        n if n == n_features => Ok(()),
+        n => Err(RewardError::Features { found: n_features, wanted: n }),
+    }
 }
 
 impl RewardEnsemble {
@@ -161,22 +239,39 @@ impl RewardEnsemble {
 
     /// The ensemble whose networks `parameters` hold; their header says which they are.
     pub fn load(parameters: &Parameters) -> Result<Self, RewardError> {
-        let header = parameters.metadata("reward").unwrap_or_default();
-        let header: Header = serde_json::from_str(&header).map_err(|e| RewardError::Header(e.to_string()))?;
+        let (layout, header) = Header::of(parameters, "reward", RewardConfig::check)?;
+        let slots = Self::slots(&header.config, header.n_features);
+        // Before anything is made: what a header promises, the file must hold.
+        parameters.require("reward", &slots, layout)?;
         // The draw is overwritten at once.
         let rng = &mut ChaCha8Rng::seed_from_u64(0);
         let ensemble = Self::new(header.n_features, &header.world_model, header.config, rng);
-        parameters.load("reward", &ensemble.store)?;
+        parameters.fill("reward", &slots, layout, &ensemble.store)?;
         Ok(ensemble)
+    }
+
+    /// `parameters`, which must be those of an ensemble, in this program's layout.
+    pub fn relaid(parameters: &Parameters) -> Result<Parameters, RewardError> {
+        Self::load(parameters)?;
+        let (layout, Header { config, n_features, .. }) =
+            Header::of(parameters, "reward", RewardConfig::check)?;
+        let slots = Self::slots(&config, n_features);
+        let relaid = parameters.relaid("reward", &[("reward", &slots)], layout, LAYOUT);
+        Ok(relaid.unwrap_or_else(|| parameters.clone()))
+    }
+
+    /// How an ensemble over so many features is stored.
+    fn slots(config: &RewardConfig, n_features: i64) -> Vec<Slot> {
+        let &RewardConfig { members, hidden, layers, .. } = config;
+        stacked_slots(members, n_features + Action::LEN as i64, hidden, layers, 1)
     }
 
     /// What [`Self::load`] takes.
     pub fn parameters(&self) -> Parameters {
         let (config, world_model) = (self.config.clone(), self.world_model.clone());
         let header = Header { config, n_features: self.n_features, world_model };
-        // One entry: the order of several is left to chance, and the hash with it.
-        let header = serde_json::to_string(&header).unwrap_or_else(|e| unreachable!("plain data: {e}"));
-        Parameters::of(&[("reward", &self.store)], &[("reward", header)])
+        let slots = Self::slots(&self.config, self.n_features);
+        Parameters::stored(&[("reward", &self.store, &slots)], &[("reward", described(&header))])
     }
 
     /// The same ensemble with its products computed in `kind`; where nothing is said it is [`fast_kind`].
@@ -200,12 +295,9 @@ impl RewardEnsemble {
         &self.world_model
     }
 
-    /// Fails where this was learned with another world model than the one with hash `wanted`.
-    pub fn require(&self, wanted: &str) -> Result<(), RewardError> {
-        if self.world_model == wanted {
-            return Ok(());
-        }
-        Err(RewardError::OtherWorldModel { found: self.world_model.clone(), wanted: wanted.to_owned() })
+    /// Fails where this was learned with another world model than the one that is `wanted`.
+    pub fn require(&self, wanted: &ModelIdentity) -> Result<(), RewardError> {
+        require_model(&self.world_model, self.n_features, wanted)
     }
 
     /// What each member says.
@@ -264,6 +356,7 @@ pub fn scaled_actions_tensor(actions: &[Action]) -> Tensor {
 mod tests {
     use super::*;
     use crate::tensor::{normal, to_vec};
+    use crate::world_model::{WorldModelConfig, untrained};
 
     fn rng() -> ChaCha8Rng {
         ChaCha8Rng::seed_from_u64(0)
@@ -313,9 +406,50 @@ mod tests {
             to_vec(&loaded.rewards(&features, &actions)),
             to_vec(&tiny().rewards(&features, &actions))
         );
-        assert!(loaded.require("sha256:0").is_ok(), "it knows its world model");
-        let error = loaded.require("sha256:1").unwrap_err().to_string();
-        assert!(error.contains("sha256:0") && error.contains("sha256:1"), "{error}");
+    }
+
+    #[test]
+    fn a_reward_knows_its_world_model_and_how_wide_its_states_are() {
+        let model = untrained(&WorldModelConfig::tiny(), &mut rng());
+        let reward = |n, of: &str| RewardEnsemble::new(n, of, RewardConfig::tiny(), &mut rng());
+        let earlier = model.identity().relaid().unwrap().hash();
+        for hash in [&model.hash(), &earlier] {
+            assert!(reward(36, hash).require(model.identity()).is_ok(), "it knows its world model");
+        }
+        let refused = |reward: RewardEnsemble| reward.require(model.identity()).unwrap_err().to_string();
+        let error = refused(reward(36, "sha256:0"));
+        assert!(error.contains("sha256:0") && error.contains(&model.hash()), "{error}");
+        let error = refused(reward(35, &model.hash()));
+        assert!(error.contains("35") && error.contains("36"), "{error}");
+    }
+
+    #[test]
+    fn an_ensemble_is_stored_as_pytorch_has_linear_layers() {
+        let parameters = tiny().parameters();
+        let stored = |name| parameters.tensor(name).unwrap();
+        assert_eq!(stored("reward.0.weight").size(), [2, 16, 39]);
+        assert_eq!(stored("reward.0.bias").size(), [2, 16]);
+        let row = normal(&mut rng(), &[39]);
+        let by_hand = row.linear(&stored("reward.0.weight").get(1), Some(stored("reward.0.bias").get(1)));
+        let layer = &tiny().layers[0];
+        let here = row.unsqueeze(0).matmul(&layer.weight.get(1)) + layer.bias.get(1);
+        assert!((here - by_hand).abs().max().double_value(&[]) < 1e-6);
+    }
+
+    #[test]
+    fn shapes_that_cannot_be_are_refused_before_anything_is_made() {
+        let header = |change: &dyn Fn(&mut RewardConfig)| {
+            let mut config = RewardConfig::tiny();
+            change(&mut config);
+            let header = Header { config, n_features: 36, world_model: "sha256:0".to_owned() };
+            let parameters = Parameters::from_tensors([], &[("reward", described(&header))]);
+            RewardEnsemble::load(&parameters).unwrap_err().to_string()
+        };
+        assert!(header(&|c| c.members = i64::MAX).contains("networks"));
+        assert!(header(&|c| c.hidden = -1).contains("width"));
+        assert!(header(&|c| c.layers = 1 << 40).contains("hidden layers"));
+        assert!(header(&|c| c.batch = 0).contains("batch"));
+        assert!(header(&|c| c.hidden = 10_000).contains("reward.0.weight"), "the file does not hold them");
     }
 
     #[test]

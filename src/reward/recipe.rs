@@ -7,6 +7,7 @@ use rand_chacha::ChaCha8Rng;
 
 use crate::query::{LabeledQuery, SegmentRef};
 use crate::reward::{EpochReport, Figures, RewardConfig, RewardEnsemble, SegmentPair, Trainer};
+use crate::tensor::NotFinite;
 use crate::world_model::WorldModel;
 
 /// A reward that was learned to the end.
@@ -21,11 +22,11 @@ pub struct Fitted {
 /// Fits a fresh ensemble over the features of `model` to all `labels`, in the order of asking.
 ///
 /// The same labels and `seed` give the same reward, in whatever order the labels stand here.
-/// Nothing comes where `on_epoch` breaks; where a segment has no rows, that is the error.
+/// Nothing comes where `on_epoch` breaks; where a segment has no rows, or a loss is no number, that is the error.
 ///
 /// # Shapes
 /// - `rows`: those of a segment, `[k, F + A]`, as [`segment_rows`](crate::reward::segment_rows) makes them
-pub fn fit_anew<E>(
+pub fn fit_anew<E: From<NotFinite>>(
     model: &WorldModel,
     config: RewardConfig,
     seed: u64,
@@ -39,14 +40,14 @@ pub fn fit_anew<E>(
     let done = trainer.fit(rng, |report| {
         losses = report.losses.iter().map(|loss| *loss as f32).collect();
         on_epoch(report)
-    });
+    })?;
     Ok(done.is_continue().then_some(Fitted { trainer, losses }))
 }
 
 /// How well an ensemble that [`fit_anew`] would fit to all but `fraction` of `labels` foretells those.
 ///
 /// Nothing where there are too few answers to hold any out.
-pub fn foretell_held_out<E>(
+pub fn foretell_held_out<E: From<NotFinite>>(
     model: &WorldModel,
     config: RewardConfig,
     seed: u64,
@@ -56,7 +57,7 @@ pub fn foretell_held_out<E>(
 ) -> Result<Option<Figures>, E> {
     let rng = &mut ChaCha8Rng::seed_from_u64(seed);
     let trainer = taught(model, config, labels, &mut rows, rng)?;
-    Ok(trainer.held_out(fraction, rng, |_| ControlFlow::Continue(())))
+    Ok(trainer.held_out(fraction, rng, |_| ControlFlow::Continue(()))?)
 }
 
 /// A trainer that has taken up `labels` in the order of asking.

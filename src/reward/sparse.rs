@@ -9,9 +9,10 @@ use tch::{Device, Kind, Tensor, nn};
 use crate::dream::Rows;
 use crate::env::Action;
 use crate::query::Verdict;
-use crate::reward::{RewardError, RewardModel};
-use crate::tensor::{Parameters, dims, from_slice, uniform};
-use crate::world_model::fast_kind;
+use crate::reward::{Header, RewardError, RewardModel, require_model, stacked_slots};
+use crate::tensor::limits::{MAX_COUNT, MAX_LAYERS, MAX_MEMBERS, MAX_WIDTH, OutOfRange, within};
+use crate::tensor::{LAYOUT, Parameters, Slot, described, dims, from_slice, uniform};
+use crate::world_model::{ModelIdentity, fast_kind};
 
 /// How many classes there are.
 const N_CLASSES: i64 = Verdict::ALL.len() as i64;
@@ -90,6 +91,18 @@ impl SparseConfig {
         }
     }
 
+    /// Fails where no classifier can be of this shape, or be fitted so.
+    pub fn check(&self) -> Result<(), OutOfRange> {
+        within("the number of the classifier's networks", self.members, 1..=MAX_MEMBERS)?;
+        within("the width of the classifier's layers", self.hidden, 1..=MAX_WIDTH)?;
+        within("the number of the classifier's hidden layers", self.layers, 0..=MAX_LAYERS)?;
+        within("the number of verdicts in a batch of the classifier", self.batch, 1..=MAX_COUNT)?;
+        within("the classifier's learning rate", self.learning_rate, 0.0..=1e3)?;
+        within("how often the classifier goes through all verdicts", self.epochs, 1..=MAX_COUNT)?;
+        within("the number of the classifier's updates", self.updates, 0..=MAX_COUNT)?;
+        within("the share of verdicts that is held out", self.held_out, 0.0..=1.0)
+    }
+
     /// How often a fit goes through `n` verdicts.
     pub fn epochs(&self, n: usize) -> usize {
         let steps = n.div_ceil(self.batch).max(1);
@@ -110,14 +123,6 @@ pub struct SparseReward {
     pub(super) store: nn::VarStore,
     /// `[E, in, out]` and `[E, 1, out]` of each layer.
     layers: Vec<[Tensor; 2]>,
-}
-
-/// What the header of the parameters holds beside the names and shapes.
-#[derive(Serialize, Deserialize)]
-struct Header {
-    config: SparseConfig,
-    n_features: i64,
-    world_model: String,
 }
 
 impl SparseReward {
@@ -144,21 +149,46 @@ impl SparseReward {
 
     /// The ensemble whose networks `parameters` hold; their header says which they are.
     pub fn load(parameters: &Parameters) -> Result<Self, RewardError> {
-        let header = parameters.metadata("sparse_reward").unwrap_or_default();
-        let header: Header = serde_json::from_str(&header).map_err(|e| RewardError::Header(e.to_string()))?;
+        let (layout, header) = Header::of(parameters, "sparse_reward", SparseConfig::check)?;
+        let slots = Self::slots(&header.config, header.n_features);
+        parameters.require("sparse_reward", &slots, layout)?;
         // The draw is overwritten at once.
         let rng = &mut ChaCha8Rng::seed_from_u64(0);
         let ensemble = Self::new(header.n_features, &header.world_model, header.config, rng);
-        parameters.load("sparse_reward", &ensemble.store)?;
+        parameters.fill("sparse_reward", &slots, layout, &ensemble.store)?;
         Ok(ensemble)
+    }
+
+    /// `parameters`, which must be those of such an ensemble, in this program's layout.
+    pub fn relaid(parameters: &Parameters) -> Result<Parameters, RewardError> {
+        Self::load(parameters)?;
+        let (layout, Header { config, n_features, .. }) =
+            Header::of(parameters, "sparse_reward", SparseConfig::check)?;
+        let slots = Self::slots(&config, n_features);
+        let relaid = parameters.relaid("sparse_reward", &[("sparse_reward", &slots)], layout, LAYOUT);
+        Ok(relaid.unwrap_or_else(|| parameters.clone()))
+    }
+
+    /// How an ensemble over so many features is stored.
+    fn slots(config: &SparseConfig, n_features: i64) -> Vec<Slot> {
+        let &SparseConfig { members, hidden, layers, .. } = config;
+        stacked_slots(members, n_features + Action::LEN as i64, hidden, layers, N_CLASSES)
+    }
+
+    /// Fails where this was learned with another world model than the one that is `wanted`.
+    pub fn require(&self, wanted: &ModelIdentity) -> Result<(), RewardError> {
+        require_model(&self.world_model, self.n_features, wanted)
     }
 
     /// What [`Self::load`] takes.
     pub fn parameters(&self) -> Parameters {
         let (config, world_model) = (self.config.clone(), self.world_model.clone());
         let header = Header { config, n_features: self.n_features, world_model };
-        let header = serde_json::to_string(&header).unwrap_or_else(|e| unreachable!("plain data: {e}"));
-        Parameters::of(&[("sparse_reward", &self.store)], &[("sparse_reward", header)])
+        let slots = Self::slots(&self.config, self.n_features);
+        Parameters::stored(
+            &[("sparse_reward", &self.store, &slots)],
+            &[("sparse_reward", described(&header))],
+        )
     }
 
     /// The shape of the ensemble, and how it is fitted.

@@ -9,8 +9,9 @@ use tch::{Kind, Tensor};
 
 use crate::query::{JudgedTransition, Transition};
 use crate::reward::EpochReport;
+use crate::reward::fit::require_losses;
 use crate::reward::sparse::{Lesson, Rules, SparseConfig, SparseReward, adam, balanced_losses, joint_loss};
-use crate::tensor::to_vec;
+use crate::tensor::{NotFinite, require_finite, to_vec};
 use crate::world_model::WorldModel;
 
 /// Held out verdicts are foretold once in so many epochs (method §9).
@@ -41,11 +42,11 @@ pub struct HeldOut {
 /// Fits a fresh classifier over the features of `model` to all verdicts but those held out, in the order of asking.
 ///
 /// The same verdicts and `seed` give the same networks, in whatever order they stand here.
-/// Nothing comes where `on_epoch` breaks; where a transition has no row, that is the error.
+/// Nothing comes where `on_epoch` breaks; where a transition has no row, or a loss is no number, that is the error.
 ///
 /// # Shapes
 /// - `row`: that of a transition, `[F + A]`, as [`transition_row`](crate::reward::transition_row) makes it
-pub fn fit_verdicts<E>(
+pub fn fit_verdicts<E: From<NotFinite>>(
     model: &WorldModel,
     config: SparseConfig,
     seed: u64,
@@ -61,7 +62,7 @@ pub fn fit_verdicts<E>(
         taught.push((row(transition)?, verdict));
     }
     let reward = SparseReward::new(model.config().n_features(), &model.hash(), config, rng);
-    Ok(fit(reward, taught, rng, on_epoch))
+    Ok(fit(reward, taught, rng, on_epoch)?)
 }
 
 fn fit(
@@ -69,7 +70,7 @@ fn fit(
     mut taught: Vec<(Vec<f32>, crate::query::Verdict)>,
     rng: &mut ChaCha8Rng,
     mut on_epoch: impl FnMut(&EpochReport) -> ControlFlow<()>,
-) -> Option<FittedVerdicts> {
+) -> Result<Option<FittedVerdicts>, NotFinite> {
     let config = reward.config.clone();
     taught.shuffle(rng);
     let n_held_out = (config.held_out * taught.len() as f64).round() as usize;
@@ -91,6 +92,7 @@ fn fit(
                 *mean += f64::from(loss) * len as f64 / lesson.n as f64;
             }
         }
+        require_losses(&means, epoch, "the classifier")?;
         losses = means.iter().map(|loss| *loss as f32).collect();
         let is_time = epoch % LOOK_EVERY == 0 || epoch == n_epochs;
         if is_time && held_out.n > 0 {
@@ -100,14 +102,15 @@ fn fit(
             }
         }
         if on_epoch(&EpochReport { epoch, n_epochs, losses: means }).is_break() {
-            return None;
+            return Ok(None);
         }
     }
+    require_finite(&reward.store, "the classifier")?;
     let held_out = best.as_ref().map(|(found, _)| *found);
     if let Some((_, parameters)) = best.filter(|_| config.keeps_best) {
         reward = SparseReward::load(&parameters).unwrap_or_else(|e| unreachable!("just written: {e}"));
     }
-    Some(FittedVerdicts { reward, losses, held_out })
+    Ok(Some(FittedVerdicts { reward, losses, held_out }))
 }
 
 fn lesson(taught: Vec<(Vec<f32>, crate::query::Verdict)>) -> Lesson {
@@ -149,8 +152,6 @@ fn foretell(reward: &SparseReward, held_out: &Lesson) -> HeldOut {
 
 #[cfg(test)]
 mod tests {
-    use std::convert::Infallible;
-
     use super::*;
     use crate::query::{DreamId, QueryId, Verdict};
     use crate::tensor::normal;
@@ -179,7 +180,7 @@ mod tests {
         if is_reversed {
             judged.reverse();
         }
-        let row = |transition: Transition| Ok::<_, Infallible>(rows[transition.step].clone());
+        let row = |transition: Transition| Ok::<_, NotFinite>(rows[transition.step].clone());
         let fitted = fit_verdicts(&model, config, 3, &judged, row, |_| ControlFlow::Continue(()));
         fitted.unwrap().unwrap()
     }
@@ -193,6 +194,17 @@ mod tests {
             assert_eq!(held_out.n, 80, "a fifth");
             assert!(held_out.accuracy > 0.7, "{rules:?}: {held_out:?} where a third is chance");
         }
+    }
+
+    #[test]
+    fn a_fit_ends_at_the_first_loss_that_is_no_number() {
+        let (model, judged, mut rows) = toy(60);
+        rows[3][0] = f32::INFINITY;
+        let row = |transition: Transition| Ok::<_, NotFinite>(rows[transition.step].clone());
+        let go_on = |_: &EpochReport| ControlFlow::Continue(());
+        let config = SparseConfig { held_out: 0.0, ..SparseConfig::tiny() };
+        let met = fit_verdicts(&model, config, 3, &judged, row, go_on).unwrap_err();
+        assert!(met.to_string().contains("epoch 1"), "{met}");
     }
 
     #[test]

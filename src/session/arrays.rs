@@ -2,12 +2,14 @@
 
 use std::path::Path;
 
-use safetensors::tensor::{Dtype, SafeTensors, TensorView};
+use safetensors::tensor::{Dtype, TensorView};
 
 use crate::dream::{DreamEpisode, Rows};
 use crate::env::Action;
 use crate::run::replace_file;
 use crate::session::error::SessionError;
+use crate::tensor::container::Container;
+use crate::tensor::limits::{MAX_LATENTS, MAX_MEMORY, within};
 use crate::world_model::LatentState;
 
 /// Puts `bytes` at `path`, whole or not at all.
@@ -48,43 +50,85 @@ pub fn dream_to_bytes(episode: &DreamEpisode) -> Vec<u8> {
 }
 
 /// The dream in the bytes of such a file, or what is wrong with them.
+///
+/// What comes out is a dream that can be: see [`check`].
 pub fn dream_from_bytes(bytes: &[u8]) -> Result<DreamEpisode, String> {
-    let file = SafeTensors::deserialize(bytes).map_err(|e| e.to_string())?;
-    let seed = SafeTensors::read_metadata(bytes).map_err(|e| e.to_string())?.1;
-    let seed = seed.metadata().as_ref().and_then(|metadata| metadata.get("seed")?.parse().ok());
-    let words = |name: &str, dtype: Dtype| {
-        let view = file.tensor(name).map_err(|_| format!("it has no {name:?}"))?;
-        if view.dtype() != dtype {
-            return Err(format!("its {name:?} are of type {:?}", view.dtype()));
+    let file = Container::read(bytes)?;
+    let seed = file.value("seed").and_then(|seed| seed.parse().ok()).ok_or("it has no seed")?;
+    let entry = |name: &str| file.entry(name).ok_or_else(|| format!("it has no {name:?}"));
+    let floats = |name: &str, n_axes: usize| {
+        let entry = entry(name)?;
+        if entry.shape.len() != n_axes {
+            return Err(format!("its {name:?} have {} axes in place of {n_axes}", entry.shape.len()));
         }
-        let words: Vec<[u8; 4]> = view.data().as_chunks::<4>().0.to_vec();
-        Ok((words, view.shape().to_vec()))
+        let values = file.floats(entry).ok_or_else(|| format!("its {name:?} are of type {}", entry.dtype))?;
+        Ok((values, entry.shape.clone()))
     };
-    let floats = |name: &str| {
-        let (words, shape) = words(name, Dtype::F32)?;
-        Ok::<_, String>((words.into_iter().map(f32::from_le_bytes).collect::<Vec<f32>>(), shape))
+    let steps = |name: &str, row: &[usize]| {
+        let entry = entry(name)?;
+        if entry.dtype != Dtype::U32 || entry.shape.get(1..) != Some(row) {
+            return Err(format!("its {name:?} are {} of shape {:?}", entry.dtype, entry.shape));
+        }
+        let words = file.bytes(entry).as_chunks::<4>().0;
+        Ok(words.iter().map(|word| u32::from_le_bytes(*word) as usize).collect::<Vec<_>>())
     };
-    let start = LatentState { z: floats("start.z")?.0, c: floats("start.c")?.0, h: floats("start.h")?.0 };
-    let (values, shape) = floats("zs")?;
-    let (action_values, action_shape) = floats("actions")?;
-    let (marks, _) = words("unsafe_marks", Dtype::U32)?;
-    let ends = if file.tensor("planned").is_ok() { words("planned", Dtype::U32)?.0 } else { Vec::new() };
-    let at = |word: [u8; 4]| u32::from_le_bytes(word) as usize;
-    let planned = ends.as_chunks::<2>().0.iter().map(|&[from, to]| at(from)..at(to)).collect();
-    let is_whole = matches!((&shape[..], &action_shape[..]), ([t, z], [n, a])
-        if t == n && *z == start.z.len() && *a == Action::LEN && start.c.len() == start.h.len());
-    if !is_whole {
+    let start =
+        LatentState { z: floats("start.z", 1)?.0, c: floats("start.c", 1)?.0, h: floats("start.h", 1)?.0 };
+    let (values, shape) = floats("zs", 2)?;
+    let (action_values, action_shape) = floats("actions", 2)?;
+    if shape != [action_shape[0], start.z.len()] || action_shape[1] != Action::LEN {
         return Err(format!("its arrays do not fit: zs {shape:?}, actions {action_shape:?}"));
     }
+    if let Some(i) = action_values.iter().position(|value| !value.is_finite()) {
+        return Err(format!("the action of its step {} is not a number", i / Action::LEN));
+    }
     let (actions, _) = action_values.as_chunks::<{ Action::LEN }>();
-    Ok(DreamEpisode {
+    let ends = if file.entry("planned").is_some() { steps("planned", &[2])? } else { Vec::new() };
+    let episode = DreamEpisode {
         zs: Rows { width: start.z.len(), values },
         start,
         actions: actions.iter().copied().map(Action::from).collect(),
-        unsafe_marks: marks.into_iter().map(|mark| u32::from_le_bytes(mark) as usize).collect(),
-        seed: seed.ok_or("it has no seed")?,
-        planned,
-    })
+        unsafe_marks: steps("unsafe_marks", &[])?,
+        seed,
+        planned: ends.as_chunks::<2>().0.iter().map(|&[from, to]| from..to).collect(),
+    };
+    check(&episode)?;
+    Ok(episode)
+}
+
+/// Fails where a dream cannot be: numbers that are none, parts that do not fit, or steps that it does not have.
+pub(super) fn check(episode: &DreamEpisode) -> Result<(), String> {
+    let DreamEpisode { start, zs, actions, unsafe_marks, planned, .. } = episode;
+    let (n, n_latents, n_memory) = (actions.len(), start.z.len(), start.c.len());
+    within("the number of its latents", n_latents, 1..=MAX_LATENTS as usize).map_err(|e| e.to_string())?;
+    within("the number of its memory cells", n_memory, 1..=MAX_MEMORY as usize).map_err(|e| e.to_string())?;
+    if start.h.len() != n_memory {
+        return Err(format!("its start has {n_memory} memory cells and {} outputs of them", start.h.len()));
+    }
+    if (zs.width, zs.values.len()) != (n_latents, n * n_latents) {
+        return Err(format!("it has latents of {} steps and actions of {n}", zs.len()));
+    }
+    if ![&start.z, &start.c, &start.h].into_iter().flatten().all(|value| value.is_finite()) {
+        return Err("its start is not made of numbers".to_owned());
+    }
+    if let Some(i) = zs.values.iter().position(|value| !value.is_finite()) {
+        return Err(format!("the latents of its step {} are not numbers", i / n_latents));
+    }
+    if let Some(mark) = unsafe_marks.iter().find(|mark| **mark >= n) {
+        return Err(format!("its step {mark} is marked as unsafe, and it has {n} steps"));
+    }
+    let mut end = 0;
+    for range in planned {
+        if range.start < end || range.is_empty() || range.end > n {
+            return Err(format!(
+                "the planner is said to have driven its steps from {} to {}, which are none of its {n}, or are not behind \
+                 those named before",
+                range.start, range.end
+            ));
+        }
+        end = range.end;
+    }
+    Ok(())
 }
 
 /// A dream of `len` steps that a formula makes, for tests.
@@ -107,6 +151,8 @@ pub(crate) fn formula_dream(len: usize, seed: u64) -> DreamEpisode {
 
 #[cfg(test)]
 mod tests {
+    use proptest::prelude::*;
+
     use super::*;
 
     #[test]
@@ -128,5 +174,50 @@ mod tests {
         dream.actions.pop();
         let refused = dream_from_bytes(&dream_to_bytes(&dream)).unwrap_err();
         assert_eq!(refused, "its arrays do not fit: zs [5, 4], actions [4, 3]");
+    }
+
+    #[test]
+    fn a_dream_that_cannot_be_is_refused_by_what_is_wrong_with_it() {
+        let refused = |change: &dyn Fn(&mut DreamEpisode)| {
+            let mut dream = formula_dream(20, 0);
+            dream.planned = vec![3..9, 12..14];
+            assert_eq!(dream_from_bytes(&dream_to_bytes(&dream)), Ok(dream.clone()), "unchanged it is one");
+            change(&mut dream);
+            dream_from_bytes(&dream_to_bytes(&dream)).unwrap_err()
+        };
+        assert!(refused(&|dream| dream.zs.values[4 * 7 + 1] = f32::NAN).contains("step 7"));
+        assert!(refused(&|dream| dream.actions[6].gas = f32::INFINITY).contains("step 6"));
+        assert!(refused(&|dream| dream.start.h[0] = f32::NAN).contains("start"));
+        assert!(refused(&|dream| dream.start.h.truncate(3)).contains("outputs"));
+        assert!(refused(&|dream| dream.start.z.truncate(2)).contains("fit"));
+        assert!(refused(&|dream| (dream.start.c, dream.start.h) = (vec![], vec![])).contains("memory cells"));
+        assert!(refused(&|dream| dream.unsafe_marks.push(20)).contains("step 20"));
+        let planned: [&[[usize; 2]]; 5] =
+            [&[[9, 3]], &[[3, 9], [8, 10]], &[[12, 14], [3, 9]], &[[18, 21]], &[[5, 5]]];
+        for ranges in planned {
+            let ranges: Vec<_> = ranges.iter().map(|&[from, to]| from..to).collect();
+            assert!(
+                refused(&|dream| dream.planned.clone_from(&ranges)).contains("the planner"),
+                "{ranges:?}"
+            );
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn damaged_bytes_are_a_dream_or_refused(at in 0usize..2000, bytes: [u8; 3], cut in 0usize..2000) {
+            let mut dream = formula_dream(20, 0);
+            dream.planned.push(3..9);
+            let mut damaged = dream_to_bytes(&dream);
+            let n = damaged.len();
+            for (i, byte) in bytes.into_iter().enumerate() {
+                damaged[(at + i) % n] = byte;
+            }
+            if let Ok(dream) = dream_from_bytes(&damaged) {
+                prop_assert_eq!(check(&dream), Ok(()));
+            }
+            damaged.truncate(cut);
+            drop(dream_from_bytes(&damaged));
+        }
     }
 }

@@ -7,7 +7,7 @@ use crate::query::{DreamId, Protocol, QueryId, SegmentRef, Transition};
 use crate::reward::RewardError;
 use crate::run::place::Told;
 use crate::run::{AppendError, RunError};
-use crate::tensor::ParametersError;
+use crate::tensor::{NotFinite, ParametersError};
 use crate::world_model::WorldModelError;
 
 /// Why an event cannot have happened in a session.
@@ -308,6 +308,9 @@ pub enum SessionError {
         /// Its path.
         path: PathBuf,
     },
+    /// A reward cannot be fitted again.
+    #[error("cannot fit the reward: {0}")]
+    NotFinite(NotFinite),
     /// The world model cannot be built.
     #[error("{met}: {path:?}")]
     WorldModel {
@@ -322,6 +325,12 @@ impl From<Impossible> for SessionError {
     /// Said whole by the error itself, so that it is no cause besides.
     fn from(why: Impossible) -> Self {
         Self::Impossible(why)
+    }
+}
+
+impl From<NotFinite> for SessionError {
+    fn from(met: NotFinite) -> Self {
+        Self::NotFinite(met)
     }
 }
 

@@ -167,11 +167,17 @@ fn parse(bytes: &[u8]) -> Option<(DreamEpisode, DreamSource)> {
     let [source] = take(rest)?;
     let source = if source == 0 { DreamSource::User } else { DreamSource::Simulated };
     let (z, c, h) = (take_floats(rest, n_z)?, take_floats(rest, n_memory)?, take_floats(rest, n_memory)?);
+    if z.is_empty() || c.is_empty() || ![&z, &c, &h].into_iter().flatten().all(|v| v.is_finite()) {
+        return None;
+    }
     let mut episode = DreamEpisode::new(LatentState { z, c, h }, seed);
     while let Some([kind]) = take(rest) {
         match kind {
             STEP | PLANNED_STEP => {
                 let Some(numbers) = take_floats(rest, n_z + Action::LEN) else { break };
+                if !numbers.iter().all(|number| number.is_finite()) {
+                    break;
+                }
                 let (z, action) = numbers.split_at(n_z);
                 episode.zs.push(z);
                 episode.actions.push(Action::new(action[0], action[1], action[2]));

@@ -30,7 +30,8 @@ pub fn merge_counted(dirs: &[PathBuf], out: &Path) -> Result<(SessionStore, usiz
         return Err(SessionError::NothingToMerge);
     };
     for (reading, path) in readings.iter().zip(dirs) {
-        alike(first, reading).map_err(|what| SessionError::Unlike { what, path: path.clone() })?;
+        alike((first, dir), (reading, path))
+            .map_err(|what| SessionError::Unlike { what, path: path.clone() })?;
     }
     let mut header = heir(&first.header, dir, out);
     header.config.weights = first.session.weights().clone();
@@ -136,11 +137,20 @@ fn heir(header: &Header, dir: &Path, out: &Path) -> Header {
 }
 
 /// Whether what was said in both sessions is about the same world, or what is not the same.
-fn alike(one: &Reading, other: &Reading) -> Result<(), &'static str> {
+fn alike(
+    (one, one_dir): (&Reading, &Path),
+    (other, other_dir): (&Reading, &Path),
+) -> Result<(), &'static str> {
     let names = |weights: &Weights| -> Vec<String> {
         weights.justifications.iter().map(|(_, name, _)| name.to_owned()).collect()
     };
-    if one.header.world_model != other.header.world_model {
+    // One may name the world model by the hash that it has since it was stored in another way.
+    let is_model = |dir: &Path, header: &Header, named: &str| {
+        store::world_model(dir, header).is_ok_and(|model| model.is(named))
+    };
+    let [ours, theirs] = [&one.header.world_model, &other.header.world_model];
+    if ours != theirs && !is_model(one_dir, &one.header, theirs) && !is_model(other_dir, &other.header, ours)
+    {
         return Err("world model");
     }
     if one.header.env != other.header.env {

@@ -6,6 +6,7 @@ use crate::dream::DreamEpisode;
 use crate::query::DreamId;
 use crate::session::{SessionError, SessionStore, UnfinishedDream};
 use crate::tensor::Parameters;
+use crate::world_model::ModelIdentity;
 
 /// A session, and what is in its files.
 pub struct OpenedSession {
@@ -20,6 +21,19 @@ pub struct OpenedSession {
 }
 
 impl OpenedSession {
+    /// Holds the session and its dreams against the world model that it is to go on with.
+    pub fn meet(&mut self, model: &ModelIdentity) -> Result<(), SessionError> {
+        self.store.meet(model)?;
+        for (id, dream) in &mut self.dreams {
+            if let Ok(episode) = dream
+                && let Err(met) = episode.require(model)
+            {
+                *dream = Err(SessionError::Dream { met, path: self.store.dream_path(*id) });
+            }
+        }
+        Ok(())
+    }
+
     /// Reads all that the session in `store` holds.
     ///
     /// `report` is told how many dreams of how many are read, and may end it; then there is nothing.

@@ -71,7 +71,7 @@ impl ReplayedFit {
 ///
 /// Nothing in the folder is changed, and it may be read-only.
 pub fn replay(dir: &Path, model: &WorldModel) -> Result<Replay, SessionError> {
-    let reading = read(dir, Some(&model.hash()))?;
+    let reading = read(dir, Some(model.identity()))?;
     let session = reading.session;
     let mut starts: BTreeMap<DreamId, BTreeSet<usize>> = BTreeMap::new();
     for SegmentRef { dream, start } in session.queries().iter().flat_map(|a| [a.query.left, a.query.right]) {
@@ -80,7 +80,7 @@ pub fn replay(dir: &Path, model: &WorldModel) -> Result<Replay, SessionError> {
     let (mut clips, mut lost) = (Looks::new(), Vec::new());
     for kept in session.dreams() {
         // One dream at a time, whether asked about or not: a damaged one is found either way.
-        let episode = match read_dream(dir, &session, kept.dream) {
+        let episode = match read_dream(dir, &session, kept.dream, Some(model.identity())) {
             Err(_) if session.is_dropped(kept.dream) => {
                 lost.push(kept.dream);
                 continue;
@@ -157,7 +157,10 @@ impl Dreams<'_> {
         Ok(match self.read.entry(id) {
             btree_map::Entry::Occupied(read) => read.into_mut(),
             btree_map::Entry::Vacant(unread) => {
-                let episode = read_dream(&self.replay.dir, &self.replay.session, id)?;
+                let episode = {
+                    let Replay { dir, session, .. } = self.replay;
+                    read_dream(dir, session, id, Some(self.model.identity()))?
+                };
                 let features = episode.features(self.model);
                 unread.insert((episode, features))
             }

@@ -17,7 +17,7 @@ use crate::session::log::{self, Contents, Log};
 use crate::session::worlds::{self, WORLD_MODEL_FILE};
 use crate::session::{FittedReward, Session, arrays, export};
 use crate::tensor::{Parameters, sha256};
-use crate::world_model::WorldModel;
+use crate::world_model::{ModelIdentity, WorldModel};
 
 pub(super) const LOG_FILE: &str = "events.jsonl";
 pub(super) const DREAMS: &str = "dreams";
@@ -39,6 +39,8 @@ pub struct SessionStore {
     missing: BTreeSet<PathBuf>,
     /// The folder itself, whatever it is called by now.
     pub(super) folder: Option<File>,
+    /// What its dreams must fit, once that is known.
+    model: Option<ModelIdentity>,
 }
 
 impl SessionStore {
@@ -77,6 +79,7 @@ impl SessionStore {
             unsaved: Vec::new(),
             missing: BTreeSet::new(),
             folder: File::open(dir).ok(),
+            model: None,
         })
     }
 
@@ -96,10 +99,10 @@ impl SessionStore {
         Self::create(&dir, header)
     }
 
-    /// The session in `dir`, which must have been made with the world model of this hash, if one is given.
+    /// The session in `dir`, which must have been made with this world model, if one is given.
     ///
     /// The half line that a killed program can leave is cut off and told in [`Self::torn`].
-    pub fn open(dir: &Path, world_model: Option<&str>) -> Result<Self, SessionError> {
+    pub fn open(dir: &Path, world_model: Option<&ModelIdentity>) -> Result<Self, SessionError> {
         let mut header = Header::read(dir)?;
         check_world_model(dir, &header, world_model)?;
         let path = dir.join(LOG_FILE);
@@ -124,6 +127,7 @@ impl SessionStore {
             unsaved: Vec::new(),
             missing: BTreeSet::new(),
             folder: File::open(dir).ok(),
+            model: world_model.cloned(),
         };
         store.missing = store.files().filter(|path| !path.exists()).collect();
         Ok(store)
@@ -186,6 +190,19 @@ impl SessionStore {
     /// Forces all of the log to disk.
     pub(super) fn sync(&self) -> Result<(), SessionError> {
         self.log.sync()
+    }
+
+    /// Holds the session and its dreams against its world model, which was not known when it was opened.
+    pub fn meet(&mut self, model: &ModelIdentity) -> Result<(), SessionError> {
+        check_world_model(&self.dir, &self.header, Some(model))?;
+        self.model = Some(model.clone());
+        Ok(())
+    }
+
+    /// Fails where a dream cannot be, or cannot be one of the session's world model.
+    pub(super) fn check_dream(&self, episode: &DreamEpisode) -> Result<(), String> {
+        arrays::check(episode)?;
+        self.model.as_ref().map_or(Ok(()), |model| episode.require(model))
     }
 
     /// Writes down that `event` happened now; when this returns it is on disk, or nothing has changed.
@@ -254,6 +271,8 @@ impl SessionStore {
         let episode = tidied(episode);
         let len = episode.len();
         let file = self.free_file(&dream_file(dream));
+        let wrong = |met| SessionError::Dream { met, path: self.dir.join(&file) };
+        self.check_dream(&episode).map_err(wrong)?;
         let bytes = arrays::dream_to_bytes(&episode);
         self.write(&file, &bytes, "save a dream")?;
         let planned = episode.n_planned();
@@ -266,7 +285,7 @@ impl SessionStore {
 
     /// The dream of this number.
     pub fn dream(&self, id: DreamId) -> Result<DreamEpisode, SessionError> {
-        read_dream(&self.dir, &self.session, id)
+        read_dream(&self.dir, &self.session, id, self.model.as_ref())
     }
 
     /// A journal for a dream that begins; it is discarded once the dream is kept or thrown away.
@@ -311,7 +330,7 @@ impl SessionStore {
 
     /// Puts a copy of the world model into the folder, so that the session can travel alone.
     pub fn save_world_model(&self, model: &WorldModel) -> Result<(), SessionError> {
-        check_world_model(&self.dir, &self.header, Some(&model.hash()))?;
+        check_world_model(&self.dir, &self.header, Some(model.identity()))?;
         self.write(WORLD_MODEL_FILE, model.parameters().bytes(), "copy the world model")
     }
 
@@ -345,14 +364,14 @@ impl SessionStore {
 
     /// The state of the session in `dir` and its dreams, deleted ones left out, without opening it for writing.
     ///
-    /// It must have been made with the world model of this hash.
+    /// It must have been made with this world model.
     pub fn read_dreams(
         dir: &Path,
-        world_model: &str,
+        world_model: &ModelIdentity,
     ) -> Result<(Session, Vec<(DreamId, DreamEpisode)>), SessionError> {
         let session = read(dir, Some(world_model))?.session;
         let in_use = session.dream_lens().into_iter();
-        let dreams = in_use.map(|(id, _)| Ok((id, read_dream(dir, &session, id)?)));
+        let dreams = in_use.map(|(id, _)| Ok((id, read_dream(dir, &session, id, Some(world_model))?)));
         let dreams = dreams.collect::<Result<_, SessionError>>()?;
         Ok((session, dreams))
     }
@@ -376,6 +395,11 @@ impl SessionStore {
     /// Its folder.
     pub fn dir(&self) -> &Path {
         &self.dir
+    }
+
+    /// Where a dream is kept.
+    pub(super) fn dream_path(&self, dream: DreamId) -> PathBuf {
+        self.dir.join(dream_file(dream))
     }
 
     /// What was cut off the log when the session was opened, if anything was.
@@ -434,7 +458,7 @@ pub(super) struct Reading {
 }
 
 /// Reads the session in `dir`, without keeping others from it.
-pub(super) fn read(dir: &Path, world_model: Option<&str>) -> Result<Reading, SessionError> {
+pub(super) fn read(dir: &Path, world_model: Option<&ModelIdentity>) -> Result<Reading, SessionError> {
     let header = Header::read(dir)?;
     check_world_model(dir, &header, world_model)?;
     let path = dir.join(LOG_FILE);
@@ -462,23 +486,30 @@ fn fold(header: &Header, entries: &[Entry], lines: &[usize], path: &Path) -> Res
     })
 }
 
-fn check_world_model(dir: &Path, header: &Header, model: Option<&str>) -> Result<(), SessionError> {
+fn check_world_model(dir: &Path, header: &Header, model: Option<&ModelIdentity>) -> Result<(), SessionError> {
     match model {
-        Some(model) if model != header.world_model => Err(SessionError::OtherWorldModel {
+        Some(model) if !model.is(&header.world_model) => Err(SessionError::OtherWorldModel {
             session: header.world_model.clone(),
-            model: model.to_owned(),
+            model: model.hash(),
             path: dir.to_owned(),
         }),
         _ => Ok(()),
     }
 }
 
-pub(super) fn read_dream(dir: &Path, session: &Session, id: DreamId) -> Result<DreamEpisode, SessionError> {
+/// A dream of the session in `dir`, which must be one of `model`, if that is known.
+pub(super) fn read_dream(
+    dir: &Path,
+    session: &Session,
+    id: DreamId,
+    model: Option<&ModelIdentity>,
+) -> Result<DreamEpisode, SessionError> {
     let kept = session.dreams().get(id.0 as usize).ok_or(SessionError::NoDream(id))?;
     let path = dir.join(&kept.file);
     let episode = arrays::dream_from_bytes(&read_hashed(&path, &kept.sha256)?);
     let wrong = |met| SessionError::Dream { met, path: path.clone() };
     let episode = episode.map_err(wrong)?;
+    model.map_or(Ok(()), |model| episode.require(model)).map_err(wrong)?;
     if episode.len() == kept.len {
         Ok(episode)
     } else {
@@ -502,8 +533,10 @@ pub(super) fn world_model(dir: &Path, header: &Header) -> Result<WorldModel, Ses
     };
     let bytes = std::fs::read(&path).map_err(SessionError::disk("read the world model", &path))?;
     let parameters = parameters(bytes, &path)?;
-    check_world_model(&path, header, Some(&parameters.hash()))?;
-    WorldModel::load(parameters).map_err(|met| SessionError::WorldModel { met, path })
+    let model =
+        WorldModel::load(parameters).map_err(|met| SessionError::WorldModel { met, path: path.clone() })?;
+    check_world_model(&path, header, Some(model.identity()))?;
+    Ok(model)
 }
 
 fn parameters(bytes: Vec<u8>, path: &Path) -> Result<Parameters, SessionError> {

@@ -8,7 +8,8 @@ use std::sync::Mutex;
 use std::time::SystemTime;
 
 use crate::session::header::Header;
-use crate::tensor::sha256;
+use crate::tensor::{Parameters, sha256};
+use crate::world_model::ModelIdentity;
 
 /// The copy of a world model in a session's folder.
 pub(super) const WORLD_MODEL_FILE: &str = "world_model.safetensors";
@@ -101,24 +102,44 @@ fn listed(folder: &Path) -> Vec<PathBuf> {
 /// A file as it was when it was read: its path, its length, and when it was written.
 type Version = (PathBuf, u64, Option<SystemTime>);
 
-/// Whether the file at `path` holds the world model with this hash.
+/// By which hashes a file is known.
+#[derive(Clone)]
+struct Names {
+    /// That of its bytes.
+    own: String,
+    /// That of the same parameters in the other layout, where it was asked for and the file is a world model.
+    other: Option<Option<String>>,
+}
+
+/// Whether the file at `path` holds the world model with this hash, in whichever layout.
 pub(super) fn is_of(path: &Path, hash: &str) -> bool {
-    static HASHES: Mutex<Option<HashMap<Version, String>>> = Mutex::new(None);
+    static KNOWN: Mutex<Option<HashMap<Version, Names>>> = Mutex::new(None);
 
     let Ok(about) = std::fs::metadata(path) else { return false };
     if !about.is_file() || about.len() > MOST {
         return false;
     }
     let version = (path.canonicalize().unwrap_or(path.to_owned()), about.len(), about.modified().ok());
-    let known = || HASHES.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
-    if let Some(found) = known().get_or_insert_default().get(&version) {
-        return found == hash;
+    let known = || KNOWN.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+    let before = known().get_or_insert_default().get(&version).cloned();
+    if let Some(Names { own, other }) = &before
+        && (own == hash || other.is_some())
+    {
+        return own == hash || *other == Some(Some(hash.to_owned()));
     }
     let Ok(bytes) = std::fs::read(path) else { return false };
-    let found = sha256(&bytes);
-    let is_of = found == hash;
-    known().get_or_insert_default().insert(version, found);
+    let own = before.map_or_else(|| sha256(&bytes), |names| names.own);
+    // Laying tensors out anew takes longer than hashing, and most files are found by their own name.
+    let other = (own != hash).then(|| other_hash(bytes));
+    let is_of = own == hash || other == Some(Some(hash.to_owned()));
+    known().get_or_insert_default().insert(version, Names { own, other });
     is_of
+}
+
+/// The hash of the world model in `bytes` in the other layout, if there is one in them.
+fn other_hash(bytes: Vec<u8>) -> Option<String> {
+    let identity = ModelIdentity::of(&Parameters::from_bytes(bytes).ok()?).ok()?;
+    Some(identity.relaid()?.hash())
 }
 
 #[cfg(test)]

@@ -9,6 +9,7 @@ use crate::dream::{DreamEpisode, Rows};
 use crate::query::strategy::{N_CANDIDATES, sample_near_mark, sample_pair};
 use crate::query::{DreamId, KnownSafety, Label, Query, Response, SegmentRef, Strategy, sample_balanced};
 use crate::reward::{RewardConfig, RewardEnsemble, SegmentPair, Trainer, segment_rows};
+use crate::tensor::NotFinite;
 use crate::world_model::WorldModel;
 
 /// From so many labels on a reward is learned, and again whenever a tenth of them is new.
@@ -84,11 +85,17 @@ impl Asker {
     }
 
     /// Takes in what was answered.
-    pub(super) fn hear(&mut self, query: Query, response: Response, label: Option<Label>) {
+    pub(super) fn hear(
+        &mut self,
+        query: Query,
+        response: Response,
+        label: Option<Label>,
+    ) -> Result<(), NotFinite> {
         self.known.hear([query.left, query.right], response);
         if let (Some(learner), Some(label)) = (&mut self.learner, label) {
-            learner.hear(query, label);
+            learner.hear(query, label)?;
         }
+        Ok(())
     }
 }
 
@@ -111,14 +118,15 @@ impl Learner {
         (0..pairs.len()).max_by(|a, b| found[*a].total_cmp(&found[*b])).map(|most| pairs[most])
     }
 
-    fn hear(&mut self, query: Query, label: Label) {
+    fn hear(&mut self, query: Query, label: Label) -> Result<(), NotFinite> {
         let pair = SegmentPair { left: self.rows(query.left), right: self.rows(query.right), label };
         self.trainer.take_up(&pair);
         self.n_new += 1;
         let n = self.trainer.n_labels();
         if n >= MIN_LABELS && self.n_new * NEW_SHARE >= n {
-            let _ = self.trainer.fit(&mut self.rng, |_| ControlFlow::Continue(()));
+            let _ = self.trainer.fit(&mut self.rng, |_| ControlFlow::Continue(()))?;
             (self.n_new, self.has_learned) = (0, true);
         }
+        Ok(())
     }
 }

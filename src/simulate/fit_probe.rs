@@ -16,7 +16,7 @@ use super::player::explorer;
 use super::probe::{CONTACTS, GAP, N_MEASURED, Net, Probe, ProbeConfig, Sight};
 use crate::env::{Env, Frame, Seed};
 use crate::tensor::adam::Adam;
-use crate::tensor::{Parameters, from_frames, from_slice, normal};
+use crate::tensor::{NotFinite, Parameters, from_frames, from_slice, normal, require_finite};
 use crate::world_model::{Vae, WorldModel, fast_kind};
 
 /// The first worlds that the probe is fitted on; evaluations and recordings use smaller seeds.
@@ -155,12 +155,14 @@ impl Example {
 }
 
 /// Fits a probe on episodes of `env`; where `report` breaks off, on what has been seen until then.
+///
+/// It ends at the first loss that is no number.
 pub fn fit_probe(
     config: &FitProbeConfig,
     env: &mut dyn Env,
     model: Option<&WorldModel>,
     report: &mut dyn FnMut(&Progress) -> ControlFlow<()>,
-) -> ProbeFit {
+) -> Result<ProbeFit, NotFinite> {
     let mut tell = |phase, done, n, loss| report(&Progress { phase, done, n, loss });
     let n = config.n_episodes + config.n_held_out;
     let (mut seen, mut held_out) = (Vec::new(), Vec::new());
@@ -188,13 +190,13 @@ pub fn fit_probe(
         }
         seen.extend(all);
     }
-    let store = learn(config, &seen, &mut |done, loss| tell(Phase::Learn, done, config.n_updates, loss));
+    let store = learn(config, &seen, &mut |done, loss| tell(Phase::Learn, done, config.n_updates, loss))?;
     let unmeasured = Probe::parameters_of(&config.probe, &store, String::new());
     let probe = Probe::load(&unmeasured).unwrap_or_else(|e| unreachable!("just made: {e}"));
     let real = errors(&probe, &held_out);
     let painted = (!painted.is_empty()).then(|| errors(&probe, &painted));
     let told = serde_json::json!({ "real": real, "painted": painted, "fit": config }).to_string();
-    ProbeFit { parameters: Probe::parameters_of(&config.probe, &store, told), real, painted }
+    Ok(ProbeFit { parameters: Probe::parameters_of(&config.probe, &store, told), real, painted })
 }
 
 /// Moments of an episode that a pilot drives, the even ones carefully, the odd ones as dreams are driven.
@@ -235,8 +237,9 @@ impl<'a> Painter<'a> {
     fn new(model: &'a WorldModel) -> Self {
         let store = nn::VarStore::new(Device::Cpu);
         let config = model.config().vae.clone();
-        let vae = Vae::new(&store.root(), config, Kind::Float, &mut ChaCha8Rng::seed_from_u64(0));
-        let loaded = model.parameters().load("vae", &store);
+        let vae = Vae::new(&store.root(), config.clone(), Kind::Float, &mut ChaCha8Rng::seed_from_u64(0));
+        let layout = model.identity().layout();
+        let loaded = model.parameters().fill("vae", &config.slots(), layout, &store);
         loaded.unwrap_or_else(|e| unreachable!("the model was loaded from them: {e}"));
         Self { model, eyes: vae.frozen(fast_kind()) }
     }
@@ -264,7 +267,7 @@ fn learn(
     config: &FitProbeConfig,
     examples: &[Example],
     report: &mut dyn FnMut(usize, f64) -> ControlFlow<()>,
-) -> nn::VarStore {
+) -> Result<nn::VarStore, NotFinite> {
     let mut rng = ChaCha8Rng::seed_from_u64(config.seed);
     let store = nn::VarStore::new(Device::Cpu);
     let net = Net::new(&store.root(), config.probe.clone(), &mut rng);
@@ -286,14 +289,19 @@ fn learn(
         let climb = ((update + 1) as f64 / 100.0).min(1.0);
         let rate = config.learning_rate * climb * 0.5 * (1.0 + (std::f64::consts::PI * done).cos());
         let loss = loss(&net, &batch, &mut rng);
+        let value = loss.double_value(&[]);
+        if !value.is_finite() {
+            return Err(NotFinite(format!("the loss of the probe at update {}", update + 1)));
+        }
         adam.step(&loss, rate, Some(0.1));
         let share = 1.0 / (update + 1).min(200) as f64;
-        mean_loss += share * (loss.double_value(&[]) - mean_loss);
+        mean_loss += share * (value - mean_loss);
         if report(update + 1, mean_loss).is_break() {
             break;
         }
     }
-    store
+    require_finite(&store, "the probe")?;
+    Ok(store)
 }
 
 /// The loss on a batch: cross-entropy for what is or is not, absolute errors (smoothed) for what is measured.
@@ -439,7 +447,7 @@ mod tests {
             ..FitProbeConfig::car_racing()
         };
 
-        let store = learn(&config, &examples, &mut |_, _| ControlFlow::Continue(()));
+        let store = learn(&config, &examples, &mut |_, _| ControlFlow::Continue(())).unwrap();
 
         let probe = Probe::load(&Probe::parameters_of(&config.probe, &store, String::new())).unwrap();
         let errors = errors(&probe, &examples);
@@ -461,6 +469,7 @@ mod tests {
             }
             ControlFlow::Continue(())
         });
+        let fit = fit.unwrap();
         eprintln!("{:#?}", fit.real);
         let probe = Probe::load(&fit.parameters).unwrap();
         let (mut n_off, mut n_clips, mut n_unsafe, mut n_steps, mut n_tiles) = (0, 0, 0, 0, 0);

@@ -15,7 +15,7 @@ use super::turns::{Learned, Turns};
 use crate::dream::{DreamEpisode, TEMPERATURE};
 use crate::env::{Action, Frame};
 use crate::planner::{PlannerConfig, candidates};
-use crate::tensor::{dims, to_vec};
+use crate::tensor::{NotFinite, dims, to_vec};
 use crate::world_model::{LatentState, Memory, Next, Noise, State, WorldModel, actions_tensor};
 
 /// Steps from one look to the next; a person does not look more often than 25 times a second.
@@ -121,16 +121,16 @@ pub fn play(
     start: &LatentState,
     n_steps: usize,
     seed: u64,
-) -> DreamEpisode {
+) -> Result<DreamEpisode, NotFinite> {
     let go_on = &mut |_| ControlFlow::Continue(());
     let played = play_all(model, probe, &[(start, seed)], n_steps, Manner::Exploring, None, go_on);
-    played.into_iter().flatten().next().unwrap_or_else(|| unreachable!("nobody broke off"))
+    Ok(played?.into_iter().flatten().next().unwrap_or_else(|| unreachable!("nobody broke off")))
 }
 
 /// Dreams side by side, each from its start and with its own seed; `on_step` hears the count of steps.
 ///
 /// Where something was `learned`, the player and a planner that follows it drive in turns.
-/// Nothing comes where `on_step` breaks off.
+/// Nothing comes where `on_step` breaks off; where what is dreamed or planned is no number, that is the error.
 pub fn play_all(
     model: &WorldModel,
     probe: &Probe,
@@ -139,9 +139,9 @@ pub fn play_all(
     manner: Manner,
     learned: Option<&Learned>,
     on_step: &mut dyn FnMut(usize) -> ControlFlow<()>,
-) -> Option<Vec<DreamEpisode>> {
+) -> Result<Option<Vec<DreamEpisode>>, NotFinite> {
     if starts.is_empty() {
-        return Some(Vec::new());
+        return Ok(Some(Vec::new()));
     }
     let mut dreams: Vec<_> =
         starts.iter().map(|(start, seed)| DreamEpisode::new((*start).clone(), *seed)).collect();
@@ -171,24 +171,28 @@ pub fn play_all(
         let actions: Vec<_> = drivers
             .zip(dreams.iter_mut().zip(zs.chunks_exact(latent as usize)))
             .map(|((i, (player, turns)), (dream, z))| {
-                let planned = turns.as_mut().and_then(|turns| turns.act(model, &only(&state, i)));
+                let planned = match turns {
+                    Some(turns) => turns.act(model, &only(&state, i))?,
+                    None => None,
+                };
                 let action = planned.unwrap_or_else(|| player.act());
                 dream.zs.push(z);
                 dream.actions.push(action);
                 if planned.is_some() {
                     dream.note_planned();
                 }
-                action
+                Ok(action)
             })
-            .collect();
+            .collect::<Result<_, NotFinite>>()?;
         let noise = draw(&mut noises, latent);
         let next = Next::Sample { temperature: TEMPERATURE, noise: &noise };
         state = model.imagine(&state, &actions_tensor(&actions), next);
+        state.require_finite(&format!("step {} of the dreams", step + 1))?;
         if on_step(step + 1).is_break() {
-            return None;
+            return Ok(None);
         }
     }
-    Some(dreams)
+    Ok(Some(dreams))
 }
 
 /// The starts as one batch.

@@ -9,8 +9,12 @@ use serde::{Deserialize, Serialize};
 use tch::{Device, Kind, Tensor, nn};
 
 use crate::env::{Frame, Truth};
-use crate::tensor::{Parameters, ParametersError, dims, from_frames, to_vec, uniform};
-use crate::world_model::{Layer, fast_kind};
+use crate::tensor::limits::{MAX_ACTIVATIONS, MAX_LAYERS, MAX_SIDE, MAX_WIDTH, OutOfRange, within};
+use crate::tensor::{
+    LAYOUT, Parameters, ParametersError, Slot, described, describes, dims, from_frames, layout_of, to_vec,
+    uniform,
+};
+use crate::world_model::{Layer, WorldModel, fast_kind};
 
 /// Steps from the earlier picture to the present one.
 pub const GAP: usize = 4;
@@ -155,6 +159,41 @@ impl ProbeConfig {
         Self { side: 20, layers: layers(&[(8, 4), (16, 4)]), hidden: 32, obstacles: false }
     }
 
+    /// Fails where no network can be of this shape.
+    pub fn check(&self) -> Result<(), OutOfRange> {
+        within("the side of the probe's frames", self.side, 1..=MAX_SIDE)?;
+        within("the number of the probe's convolutions", self.layers.len(), 1..=MAX_LAYERS)?;
+        within("the number of the probe's hidden units", self.hidden, 1..=MAX_WIDTH)?;
+        let side = self.bottom()?;
+        let depth = self.layers.last().map_or(0, |layer| layer.channels);
+        within("how many features the probe has", depth * side * side, 1..=MAX_ACTIVATIONS)
+    }
+
+    /// Pixels a side behind the convolutions.
+    fn bottom(&self) -> Result<i64, OutOfRange> {
+        let layers = self.layers.iter().enumerate();
+        layers.into_iter().try_fold(self.side, |side, (i, layer)| {
+            layer.convolved(&format!("the probe's conv{}", i + 1), side)
+        })
+    }
+
+    /// How the network is stored.
+    pub(super) fn slots(&self) -> Vec<Slot> {
+        let weighted = |name: &str, shape: &[i64]| {
+            [Slot::plain(format!("{name}.weight"), shape), Slot::plain(format!("{name}.bias"), &shape[..1])]
+        };
+        let (mut channels, mut slots) = (6, Vec::new());
+        for (i, layer) in self.layers.iter().enumerate() {
+            let shape = [layer.channels, channels, layer.kernel, layer.kernel];
+            slots.extend(weighted(&format!("conv{}", i + 1), &shape));
+            channels = layer.channels;
+        }
+        let side = self.bottom().unwrap_or_default();
+        slots.extend(weighted("hidden", &[self.hidden, channels * side * side]));
+        slots.extend(weighted("out", &[self.n_outputs() as i64, self.hidden]));
+        slots
+    }
+
     /// How many numbers come out.
     pub(super) fn n_outputs(&self) -> usize {
         if self.obstacles { CONTACTS + 2 } else { CONTACTS }
@@ -223,10 +262,29 @@ impl Net {
 pub enum ProbeError {
     /// The parameters are wrong.
     #[error("cannot load the probe: {0}")]
-    Parameters(#[from] ParametersError),
+    Parameters(ParametersError),
     /// The header does not describe one.
     #[error("cannot load the probe: its header does not describe one ({0})")]
     Header(String),
+    /// The header describes one that cannot be.
+    #[error("cannot load the probe: {0}")]
+    Config(OutOfRange),
+    /// It sees pictures of another size than are shown.
+    #[error(
+        "this probe sees pictures of {sees} pixels a side, and the world model shows {shown}: choose another with --probe"
+    )]
+    Side {
+        /// What it sees.
+        sees: i64,
+        /// What there is to see.
+        shown: i64,
+    },
+}
+
+impl From<ParametersError> for ProbeError {
+    fn from(met: ParametersError) -> Self {
+        Self::Parameters(met)
+    }
 }
 
 /// A fitted probe, for use.
@@ -238,20 +296,38 @@ pub struct Probe {
 impl Probe {
     /// The probe whose network `parameters` hold.
     pub fn load(parameters: &Parameters) -> Result<Self, ProbeError> {
-        let header = parameters.metadata("config").unwrap_or_default();
-        let config = serde_json::from_str(&header).map_err(|e| ProbeError::Header(e.to_string()))?;
+        let told = describes::<ProbeConfig>(parameters.metadata("config").as_deref());
+        let (layout, config) = told.map_err(ProbeError::Header)?;
+        config.check().map_err(ProbeError::Config)?;
+        let slots = config.slots();
+        // Before anything is made: what a header promises, the file must hold.
+        parameters.require("probe", &slots, layout)?;
         let mut store = nn::VarStore::new(Device::Cpu);
         // The draw is overwritten at once.
         let net = Net::new(&store.root(), config, &mut ChaCha8Rng::seed_from_u64(0));
-        parameters.load("probe", &store)?;
+        parameters.fill("probe", &slots, layout, &store)?;
         store.freeze();
         Ok(Self { net })
     }
 
+    /// `parameters`, which must be those of a probe, in this program's layout.
+    pub fn relaid(parameters: &Parameters) -> Result<Parameters, ProbeError> {
+        Self::load(parameters)?;
+        let layout = layout_of(parameters.metadata("config").as_deref()).map_err(ProbeError::Header)?;
+        // Of a probe nothing was ever rearranged: only the mark is new.
+        Ok(parameters.relaid("config", &[], layout, LAYOUT).unwrap_or_else(|| parameters.clone()))
+    }
+
+    /// Fails where `model` shows pictures of another size than this sees.
+    pub fn require(&self, model: &WorldModel) -> Result<(), ProbeError> {
+        let (sees, shown) = (self.net.config.side, model.config().vae.side);
+        if sees == shown { Ok(()) } else { Err(ProbeError::Side { sees, shown }) }
+    }
+
     /// The network in `store` as parameters, with `metadata` beside its shape in the header.
     pub(super) fn parameters_of(config: &ProbeConfig, store: &nn::VarStore, errors: String) -> Parameters {
-        let header = serde_json::to_string(config).unwrap_or_else(|e| unreachable!("plain data: {e}"));
-        Parameters::of(&[("probe", store)], &[("config", header), ("errors", errors)])
+        let metadata = [("config", described(config)), ("errors", errors)];
+        Parameters::stored(&[("probe", store, &config.slots())], &metadata)
     }
 
     /// What the pictures `now` show, each [`GAP`] steps after the one in `earlier`.

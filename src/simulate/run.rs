@@ -1,6 +1,5 @@
 //! The steps between the world model and the reward without a person: dreams are played, queries drawn and answered.
 
-use std::convert::Infallible;
 use std::ops::ControlFlow;
 
 use rand::{RngExt as _, SeedableRng as _};
@@ -20,6 +19,7 @@ use crate::query::{
     Weights, sample_queries,
 };
 use crate::reward::{EpochReport, RewardConfig, fit_anew, segment_rows};
+use crate::tensor::NotFinite;
 use crate::world_model::{LatentState, WorldModel};
 
 /// Pictures that are decoded together.
@@ -140,7 +140,7 @@ impl Simulated {
     }
 
     /// What the answers so far teach.
-    fn learned(&self, model: &WorldModel, config: &SimulateConfig) -> Learned {
+    fn learned(&self, model: &WorldModel, config: &SimulateConfig) -> Result<Learned, NotFinite> {
         let weights = weights(config);
         let label = |answered: &Answered| {
             Some(LabeledQuery { query: answered.query, label: weights.label(&answered.response)? })
@@ -149,18 +149,18 @@ impl Simulated {
         let features: Vec<_> = self.dreams.iter().map(|dream| dream.features(model)).collect();
         let rows = |segment: SegmentRef| {
             let i = segment.dream.0 as usize;
-            Ok::<_, Infallible>(segment_rows(&features[i], &self.dreams[i].actions, segment))
+            Ok::<_, NotFinite>(segment_rows(&features[i], &self.dreams[i].actions, segment))
         };
         let go_on = |_: &EpochReport| ControlFlow::Continue(());
-        let Ok(fitted) = fit_anew(model, config.reward.clone(), config.seed, &labels, rows, go_on);
+        let fitted = fit_anew(model, config.reward.clone(), config.seed, &labels, rows, go_on)?;
         let fitted = fitted.unwrap_or_else(|| unreachable!("nobody stops this fit"));
-        Learned { reward: fitted.trainer.ensemble().frozen(), planner: config.planner.clone() }
+        Ok(Learned { reward: fitted.trainer.ensemble().frozen(), planner: config.planner.clone() })
     }
 }
 
 /// Plays and answers, all decided by the seed; dreams begin at the `starts` in turn.
 ///
-/// Nothing comes where `on_progress` breaks off.
+/// Nothing comes where `on_progress` breaks off; where a number is none, that is the error.
 ///
 /// # Panics
 /// Where there is no start, no protocol, or a round without a dream.
@@ -170,7 +170,7 @@ pub fn simulate(
     config: &SimulateConfig,
     starts: &[LatentState],
     on_progress: &mut dyn FnMut(Progress) -> ControlFlow<()>,
-) -> Option<Simulated> {
+) -> Result<Option<Simulated>, NotFinite> {
     assert!(!starts.is_empty(), "a dream needs a state to start from");
     let mut rng = ChaCha8Rng::seed_from_u64(config.seed);
     let starts: Vec<_> = starts
@@ -188,10 +188,10 @@ pub fn simulate(
     let mut pictures = Vec::new();
     for round in 0..config.n_rounds {
         let share = |n: usize| n * round / config.n_rounds..n * (round + 1) / config.n_rounds;
-        let learned = (round > 0).then(|| simulated.learned(model, config));
+        let learned = (round > 0).then(|| simulated.learned(model, config)).transpose()?;
         let (steps, n_dreams) = (config.dream_steps, config.n_dreams);
         let on_step = &mut |step| on_progress(Progress::Played(step, steps));
-        let mut dreams = play_all(
+        let dreams = play_all(
             model,
             probe,
             &starts[share(n_dreams)],
@@ -200,13 +200,14 @@ pub fn simulate(
             learned.as_ref(),
             on_step,
         )?;
+        let Some(mut dreams) = dreams else { return Ok(None) };
         for dream in &mut dreams {
             pictures.push(decoded(model, dream));
             if config.strategy == Strategy::SafetyBoundary {
                 dream.unsafe_marks = marked(&probe.watch(&pictures[pictures.len() - 1]));
             }
             if on_progress(Progress::Decoded(pictures.len(), n_dreams)).is_break() {
-                return None;
+                return Ok(None);
             }
         }
         asker.meet(model, &dreams);
@@ -215,15 +216,15 @@ pub fn simulate(
         let first = QueryId(queries.start as u32);
         for query in sample_queries(asker.lens(), queries.len(), first, &mut rng) {
             let answered = answer(config, probe, &pictures, asker.choose(query));
-            asker.hear(answered.query, answered.response, weights.label(&answered.response));
+            asker.hear(answered.query, answered.response, weights.label(&answered.response))?;
             simulated.answers.push(answered);
             let n_answers = simulated.answers.len();
             if on_progress(Progress::Answered(n_answers, config.n_queries)).is_break() {
-                return None;
+                return Ok(None);
             }
         }
     }
-    Some(simulated)
+    Ok(Some(simulated))
 }
 
 /// What the answers weigh.
@@ -292,7 +293,8 @@ mod tests {
             ..SimulateConfig::car_racing(Protocol::Dropj, 3)
         };
         let run = |config: &SimulateConfig| {
-            simulate(&model, &probe, config, std::slice::from_ref(&start), &mut |_| ControlFlow::Continue(()))
+            let go_on = &mut |_| ControlFlow::Continue(());
+            simulate(&model, &probe, config, std::slice::from_ref(&start), go_on).unwrap()
         };
 
         let first = run(&config).unwrap();
@@ -328,7 +330,7 @@ mod tests {
                 ..SimulateConfig::car_racing(Protocol::Dropj, 3)
             };
             let go_on = &mut |_| ControlFlow::Continue(());
-            simulate(&model, &probe, &config, std::slice::from_ref(&start), go_on).unwrap()
+            simulate(&model, &probe, &config, std::slice::from_ref(&start), go_on).unwrap().unwrap()
         };
         let by_chance = run(Strategy::Uniform);
         let by_doubt = run(Strategy::Disagreement);
@@ -358,7 +360,7 @@ mod tests {
             ..SimulateConfig::car_racing(Protocol::Drope, 3)
         };
         let go_on = &mut |_| ControlFlow::Continue(());
-        let dreams = simulate(&model, &probe, &config, &[start], go_on).unwrap().dreams;
+        let dreams = simulate(&model, &probe, &config, &[start], go_on).unwrap().unwrap().dreams;
         let is_planned: Vec<_> = dreams.iter().map(|dream| dream.n_planned() > 0).collect();
         assert_eq!(is_planned[..4], [false; 4]);
         assert!(is_planned[4..].contains(&true), "{is_planned:?}");
@@ -378,17 +380,17 @@ mod tests {
 
         let stopped = simulate(&model, &probe, &config, &[start], &mut |_| ControlFlow::Break(()));
 
-        assert_eq!(stopped, None);
+        assert_eq!(stopped, Ok(None));
     }
 
     #[test]
     fn a_dream_is_played_from_its_start() {
         let (model, probe, start) = blank();
 
-        let dream = play(&model, &probe, &start, 30, 5);
+        let dream = play(&model, &probe, &start, 30, 5).unwrap();
 
         assert_eq!((dream.len(), dream.zs.row(0)), (30, &start.z[..]));
-        assert_eq!(dream, play(&model, &probe, &start, 30, 5));
-        assert_ne!(dream.actions, play(&model, &probe, &start, 30, 6).actions, "another player");
+        assert_eq!(Ok(&dream), play(&model, &probe, &start, 30, 5).as_ref());
+        assert_ne!(dream.actions, play(&model, &probe, &start, 30, 6).unwrap().actions, "another player");
     }
 }

@@ -6,6 +6,7 @@ use rand_chacha::ChaCha8Rng;
 use crate::env::Action;
 use crate::planner::{CoDriver, PlannerConfig};
 use crate::reward::FrozenReward;
+use crate::tensor::NotFinite;
 use crate::world_model::{State, WorldModel};
 
 /// Share of the turns that are the planner's.
@@ -46,7 +47,7 @@ impl<'a> Turns<'a> {
     ///
     /// # Shapes
     /// - `state`: a batch of one
-    pub(super) fn act(&mut self, model: &WorldModel, state: &State) -> Option<Action> {
+    pub(super) fn act(&mut self, model: &WorldModel, state: &State) -> Result<Option<Action>, NotFinite> {
         if self.steps_left == 0 {
             self.steps_left = self.rng.random_range(STEPS);
             let is_planned = self.rng.random_bool(PLANNED);
@@ -55,7 +56,7 @@ impl<'a> Turns<'a> {
         }
         self.steps_left -= 1;
         let reward = &self.learned.reward;
-        self.co_driver.as_mut().map(|driver| driver.act(model, reward, state))
+        self.co_driver.as_mut().map(|driver| driver.act(model, reward, state)).transpose()
     }
 }
 
@@ -76,7 +77,7 @@ mod tests {
 
         let drive = |seed| {
             let mut turns = Turns::new(&learned, seed);
-            (0..3000).map(|_| turns.act(&model, &state)).collect::<Vec<_>>()
+            (0..3000).map(|_| turns.act(&model, &state).unwrap()).collect::<Vec<_>>()
         };
         let driven = drive(5);
 

@@ -1,6 +1,5 @@
 //! Verdicts on single transitions without a person: dreams are played or made, and every transition is looked at.
 
-use std::convert::Infallible;
 use std::ops::ControlFlow;
 
 use rand::{Rng, RngExt as _, SeedableRng as _};
@@ -17,7 +16,7 @@ use crate::query::{
     sample_trajectory,
 };
 use crate::reward::{SparseConfig, SparseReward, fit_verdicts, transition_row};
-use crate::tensor::from_slice;
+use crate::tensor::{NotFinite, from_slice};
 use crate::world_model::{LatentState, WorldModel};
 
 /// Pictures before a transition that are played with it.
@@ -117,7 +116,7 @@ impl Annotator {
 
 /// DROS: dreams are played, trajectories are drawn from them, and all their transitions are labeled.
 ///
-/// Nothing comes where `on_progress` breaks off.
+/// Nothing comes where `on_progress` breaks off; where a number is none, that is the error.
 ///
 /// # Panics
 /// Where there is no start.
@@ -127,7 +126,7 @@ pub fn simulate_dros(
     config: &SimulateConfig,
     starts: &[LatentState],
     on_progress: &mut dyn FnMut(Progress) -> ControlFlow<()>,
-) -> Option<SimulatedVerdicts> {
+) -> Result<Option<SimulatedVerdicts>, NotFinite> {
     assert!(!starts.is_empty(), "a dream needs a state to start from");
     let mut rng = ChaCha8Rng::seed_from_u64(config.seed);
     let starts: Vec<_> = starts
@@ -139,20 +138,21 @@ pub fn simulate_dros(
     let steps = config.dream_steps;
     let on_step = &mut |step| on_progress(Progress::Played(step, steps));
     let dreams = play_all(model, probe, &starts, steps, config.manner, None, on_step)?;
+    let Some(dreams) = dreams else { return Ok(None) };
     let lens: Vec<_> = (0..).map(DreamId).zip(dreams.iter().map(DreamEpisode::len)).collect();
     let mut simulated = SimulatedVerdicts { dreams, wanted: Vec::new(), answers: Vec::new() };
     while simulated.answers.len() < config.n_queries {
-        let first = sample_trajectory(&lens, &mut rng)?;
+        let Some(first) = sample_trajectory(&lens, &mut rng) else { return Ok(None) };
         if simulated.label(model, probe, config, first, on_progress).is_break() {
-            return None;
+            return Ok(None);
         }
     }
-    Some(simulated)
+    Ok(Some(simulated))
 }
 
 /// ReQueST: trajectories are made that are worth asking about, labeled, learned from, and made anew (method §10.1).
 ///
-/// Nothing comes where `on_progress` breaks off.
+/// Nothing comes where `on_progress` breaks off; where a number is none, that is the error.
 ///
 /// # Panics
 /// Where there is no start.
@@ -164,7 +164,7 @@ pub fn simulate_request(
     synthesis: &SynthesisConfig,
     learning: &SparseConfig,
     on_progress: &mut dyn FnMut(Progress) -> ControlFlow<()>,
-) -> Option<SimulatedVerdicts> {
+) -> Result<Option<SimulatedVerdicts>, NotFinite> {
     assert!(!starts.is_empty(), "a trajectory needs a state to start from");
     let mut rng = ChaCha8Rng::seed_from_u64(config.seed);
     let n_features = model.config().n_features();
@@ -177,7 +177,7 @@ pub fn simulate_request(
         }
         if round > 0 {
             // DIFFERENCE: the authors go on with networks that were fitted before; like ReQueST we begin anew.
-            reward = refit(model, learning, config.seed, &simulated);
+            reward = refit(model, learning, config.seed, &simulated)?;
         }
         let wanted = starts.iter().cycle().take(ROUND.min(n_left.div_ceil(TRAJECTORY_LEN - 1)));
         let wanted: Vec<_> =
@@ -185,16 +185,17 @@ pub fn simulate_request(
         let seen = outcomes(model, &simulated);
         let on_iteration = &mut |i| on_progress(Progress::Played(i, synthesis.iterations));
         let made = synthesize(model, &reward, &wanted, seen.as_ref(), synthesis, &mut rng, on_iteration)?;
+        let Some(made) = made else { return Ok(None) };
         for (dream, (_, acquisition)) in made.into_iter().zip(&wanted) {
             let first = Transition { dream: DreamId(simulated.dreams.len() as u32), first: 0, step: 0 };
             simulated.dreams.push(dream);
             simulated.wanted.push(*acquisition);
             if simulated.label(model, probe, config, first, on_progress).is_break() {
-                return None;
+                return Ok(None);
             }
         }
     }
-    Some(simulated)
+    Ok(Some(simulated))
 }
 
 fn refit(
@@ -202,15 +203,15 @@ fn refit(
     learning: &SparseConfig,
     seed: u64,
     simulated: &SimulatedVerdicts,
-) -> SparseReward {
+) -> Result<SparseReward, NotFinite> {
     let features: Vec<_> = simulated.dreams.iter().map(|dream| dream.features(model)).collect();
     let row = |transition: Transition| {
         let i = transition.dream.0 as usize;
-        Ok::<_, Infallible>(transition_row(&features[i], &simulated.dreams[i].actions, transition.step))
+        Ok::<_, NotFinite>(transition_row(&features[i], &simulated.dreams[i].actions, transition.step))
     };
     let judged = simulated.judged();
-    let Ok(fitted) = fit_verdicts(model, learning.clone(), seed, &judged, row, |_| ControlFlow::Continue(()));
-    fitted.map_or_else(|| unreachable!("nobody stops this fit"), |fitted| fitted.reward)
+    let fitted = fit_verdicts(model, learning.clone(), seed, &judged, row, |_| ControlFlow::Continue(()))?;
+    Ok(fitted.map_or_else(|| unreachable!("nobody stops this fit"), |fitted| fitted.reward))
 }
 
 /// The latents that labeled transitions led to, `[N, Z]`.
@@ -259,7 +260,7 @@ mod tests {
         let starts = [start];
         let run = || {
             let go_on = &mut |_| ControlFlow::Continue(());
-            simulate_dros(&model, &probe, &config(Protocol::Dros), &starts, go_on).unwrap()
+            simulate_dros(&model, &probe, &config(Protocol::Dros), &starts, go_on).unwrap().unwrap()
         };
         let simulated = run();
         let places: Vec<_> = simulated.answers.iter().map(|answered| answered.transition.place()).collect();
@@ -274,8 +275,9 @@ mod tests {
         let learning = SparseConfig { updates: 20, ..SparseConfig::tiny() };
         let config = SimulateConfig { n_queries: 16 * 49, ..config(Protocol::Request) };
         let go_on = &mut |_| ControlFlow::Continue(());
-        let simulated =
-            simulate_request(&model, &probe, &config, &starts, &synthesis, &learning, go_on).unwrap();
+        let simulated = simulate_request(&model, &probe, &config, &starts, &synthesis, &learning, go_on)
+            .unwrap()
+            .unwrap();
         assert_eq!((simulated.dreams.len(), simulated.answers.len()), (16, 16 * 49), "a round and one more");
         assert!(simulated.dreams.iter().all(|dream| dream.len() == TRAJECTORY_LEN), "each of one trajectory");
     }

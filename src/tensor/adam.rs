@@ -87,10 +87,11 @@ impl Adam {
 
     /// The variables' moments, to be overwritten by a checkpoint's.
     pub fn restore(&mut self, mut saved: impl FnMut(&str) -> Option<Tensor>) -> Option<()> {
-        self.n_steps = saved("n_steps")?.double_value(&[0]) as i64;
+        let n_steps = saved("n_steps").filter(|n_steps| n_steps.size() == [1])?.double_value(&[0]);
+        self.n_steps = (0.0..=f64::from(i32::MAX - 1)).contains(&n_steps).then_some(n_steps as i64)?;
         for slot in &mut self.slots {
             for (i, moment) in slot.moments.iter_mut().enumerate() {
-                let values = saved(&format!("{}.{i}", slot.name))?;
+                let values = saved(&format!("{}.{i}", slot.name)).filter(|v| v.size() == moment.size())?;
                 moment.copy_(&values.to_kind(Kind::Float));
             }
         }

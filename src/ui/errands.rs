@@ -12,7 +12,7 @@ use crate::ui::App;
 use crate::ui::act::counted;
 use crate::ui::command::{Command, Field, Panel};
 use crate::ui::dialog::{Dialog, Purpose};
-use crate::ui::state::RecentSession;
+use crate::ui::state::{RecentSession, is_called};
 use crate::worker::Job;
 
 /// What is done with sessions of several annotators.
@@ -189,13 +189,15 @@ impl App {
     fn look_for_several(&mut self, ctx: &Context) {
         let (sessions, added) = (self.sessions.clone(), self.state.several.added.clone());
         let hash = self.state.header().map_or(&self.state.world.hash, |header| &header.world_model).clone();
+        let identity = self.state.world.identity.clone();
         self.run(ctx, "looking at the sessions", move || {
+            let is_ours = |named: &str| hash.is_empty() || is_called(identity.as_ref(), &hash, named);
             let mut found = recent(&sessions).map_err(|e| e.to_string())?;
             // A folder of those may have been named once more.
             let is_new = |dir: &&PathBuf| !found.iter().any(|known| is_same(&known.dir, dir));
             let new: Vec<_> = added.iter().filter(is_new).map(|dir| look_at(dir)).collect();
             found.extend(new);
-            let found = found.iter().map(|recent| described(recent, &hash, &added)).collect();
+            let found = found.iter().map(|recent| described(recent, &is_ours, &added)).collect();
             Ok(Outcome::Found(found, added.len()))
         });
     }
@@ -259,12 +261,12 @@ pub(super) fn is_same(one: &Path, other: &Path) -> bool {
     std::path::absolute(one).ok() == std::path::absolute(other).ok()
 }
 
-/// A session among those that could be put together with one of the world model with hash `hash`.
+/// A session among those that could be put together with one of the world model that is called what `is_ours` says.
 ///
 /// One of `added` keeps the name that it was added by.
-fn described(recent: &Recent, hash: &str, added: &[PathBuf]) -> RecentSession {
+fn described(recent: &Recent, is_ours: &dyn Fn(&str) -> bool, added: &[PathBuf]) -> RecentSession {
     let about = match &recent.session {
-        Ok((header, _)) if !hash.is_empty() && header.world_model != hash => {
+        Ok((header, _)) if !is_ours(&header.world_model) => {
             Err("dreamed with another world model".to_owned())
         }
         Ok((_, session)) => Ok(holds(session)),

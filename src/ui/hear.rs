@@ -18,7 +18,9 @@ use crate::ui::pressing::pad_command;
 use crate::ui::seen::{Picture, Shown};
 use crate::ui::state::{Dreaming, LoadedWorld, World};
 use crate::ui::widgets::clip;
+use crate::worker::driver::GAVE_UP;
 use crate::worker::{ClipperCommand, DriverCommand, Report, ScreenerCommand, TrainerCommand};
+use crate::world_model::ModelIdentity;
 
 /// Whether the window has the focus.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -48,7 +50,8 @@ impl World {
         dream.thumbnails = loaded.starts.iter().map(picture).collect();
         (dream.start_idx, dream.live, dream.picture) = (0, None, None);
         let hash = loaded.parameters.hash();
-        Self { loaded: Some(loaded), hash, ..Self::default() }
+        let identity = ModelIdentity::of(&loaded.parameters).ok();
+        Self { loaded: Some(loaded), hash, identity, ..Self::default() }
     }
 }
 
@@ -317,7 +320,7 @@ impl App {
         let has_died = message.starts_with(PANICKED);
         match worker {
             "dreamer" if has_died => (self.state.dream.is_on, self.state.dream.is_ending) = (false, false),
-            "driver" if has_died => self.state.deploy.is_on = false,
+            "driver" if has_died || message.starts_with(GAVE_UP) => self.state.deploy.is_on = false,
             "trainer" => (self.state.reward.is_fitting, self.state.reward.is_relearning) = (false, false),
             "synthesizer" if !has_died => return self.not_made(message.to_owned()),
             "synthesizer" => self.make_trajectories(false),

@@ -69,9 +69,9 @@ impl App {
         }
         // Another world model may be on its way in: then it is that one that the session must be of.
         let is_settled = self.loading.is_none() && !self.state.world.hash.is_empty();
-        let hash = is_settled.then(|| self.state.world.hash.clone());
+        let identity = self.state.world.identity.clone().filter(|_| is_settled);
         let path = dir.to_owned();
-        let open = move || SessionStore::open(&path, hash.as_deref()).map_err(|e| e.to_string());
+        let open = move || SessionStore::open(&path, identity.as_ref()).map_err(|e| e.to_string());
         self.open(dir.to_owned(), Some(Panel::Label), open);
     }
 
@@ -144,10 +144,15 @@ impl App {
     }
 
     /// Goes on with a session, if it is one of this world model.
-    pub(super) fn go_on_with(&mut self, opened: OpenedSession, goes_to: Option<Panel>) {
+    pub(super) fn go_on_with(&mut self, mut opened: OpenedSession, goes_to: Option<Panel>) {
         if !self.state.world.is_of(opened.store.header()) {
             return self
                 .fail("this session was dreamed with another world model: load that one first".to_owned());
+        }
+        if let Some(identity) = &self.state.world.identity
+            && let Err(e) = opened.meet(identity)
+        {
+            return self.fail(e.to_string());
         }
         self.adopt(opened);
         if let Some(panel) = goes_to {

@@ -6,7 +6,7 @@ use std::sync::mpsc::{Receiver, channel};
 use crate::session::{Recent, latest};
 use crate::ui::App;
 use crate::ui::act::counted;
-use crate::ui::state::RecentSession;
+use crate::ui::state::{RecentSession, is_called};
 use crate::worker::Job;
 
 /// So many are listed at the most.
@@ -39,9 +39,10 @@ impl App {
     fn look_for_recent(&mut self) {
         let (tell, found) = channel();
         let (sessions, hash) = (self.sessions.clone(), self.state.world.hash.clone());
+        let identity = self.state.world.identity.clone();
         let (waker, pace) = (self.waker.clone(), self.pace);
         let work = move || {
-            look(&sessions, &hash, |found| {
+            look(&sessions, &|named| hash.is_empty() || is_called(identity.as_ref(), &hash, named), |found| {
                 let is_wanted = tell.send(found).is_ok();
                 waker.request_repaint_after(pace);
                 is_wanted
@@ -80,15 +81,19 @@ impl App {
 /// Reads the latest of `sessions` and tells the list after each of them, as long as it is wanted.
 ///
 /// Those that cannot be read are its end: nobody can go on with them.
-fn look(sessions: &Path, hash: &str, mut tell: impl FnMut(Vec<RecentSession>) -> bool) -> Result<(), String> {
+fn look(
+    sessions: &Path,
+    is_ours: &dyn Fn(&str) -> bool,
+    mut tell: impl FnMut(Vec<RecentSession>) -> bool,
+) -> Result<(), String> {
     let mut found: Vec<RecentSession> = Vec::new();
     let mut n_readable = 0;
     for recent in latest(sessions).map_err(|e| e.to_string())? {
         if recent.session.is_ok() {
-            found.insert(n_readable, described(recent, hash));
+            found.insert(n_readable, described(recent, is_ours));
             n_readable += 1;
         } else {
-            found.push(described(recent, hash));
+            found.push(described(recent, is_ours));
         }
         found.truncate(MOST);
         if !tell(found.clone()) || n_readable == MOST {
@@ -98,11 +103,11 @@ fn look(sessions: &Path, hash: &str, mut tell: impl FnMut(Vec<RecentSession>) ->
     Ok(())
 }
 
-/// A session in the window of the world model with hash `hash`.
-fn described(recent: Recent, hash: &str) -> RecentSession {
+/// A session in the window of the world model that is called what `is_ours` says.
+fn described(recent: Recent, is_ours: &dyn Fn(&str) -> bool) -> RecentSession {
     let name = recent.dir.file_name().map_or_else(String::new, |name| name.to_string_lossy().into_owned());
     let about = match &recent.session {
-        Ok((header, _)) if !hash.is_empty() && header.world_model != hash => {
+        Ok((header, _)) if !is_ours(&header.world_model) => {
             Err("dreamed with another world model: load that one first".to_owned())
         }
         Ok((_, session)) => {

@@ -25,8 +25,8 @@ use crate::ui::review::Reviewing;
 use crate::ui::seen::Picture;
 use crate::ui::shelf::Shelving;
 use crate::worker::{DriveView, Learning, LiveView};
-use crate::world_model::LatentState;
 use crate::world_model::fit::{Progress, Stage};
+use crate::world_model::{LatentState, ModelIdentity};
 
 /// Where a dream can begin.
 #[derive(Clone, Debug)]
@@ -150,6 +150,8 @@ pub(crate) enum ToastKind {
 pub(crate) struct World {
     pub loaded: Option<LoadedWorld>,
     pub hash: String,
+    /// What it is called, also where it was stored in another way.
+    pub identity: Option<ModelIdentity>,
     /// The file that is being read.
     pub loading: Option<PathBuf>,
     pub fit: Option<FitState>,
@@ -160,8 +162,13 @@ pub(crate) struct World {
 impl World {
     /// Whether the session with this head was dreamed with it; of none, nothing is known.
     pub(crate) fn is_of(&self, header: &Header) -> bool {
-        self.loaded.is_none() || self.hash == header.world_model
+        self.loaded.is_none() || is_called(self.identity.as_ref(), &self.hash, &header.world_model)
     }
+}
+
+/// Whether `named` is the world model whose hash is `hash`, which may have been stored in another way since then.
+pub(crate) fn is_called(identity: Option<&ModelIdentity>, hash: &str, named: &str) -> bool {
+    hash == named || identity.is_some_and(|identity| identity.is(hash) && identity.is(named))
 }
 
 /// A fit that is under way.

@@ -7,7 +7,7 @@ use crate::reward::{
     LearnedReward, RewardEnsemble, RewardError, RewardModel as _, SparseReward, scaled_actions_tensor,
 };
 use crate::tensor::{Parameters, from_slice, to_vec};
-use crate::world_model::actions_tensor;
+use crate::world_model::{ModelIdentity, actions_tensor};
 
 /// A reward of either kind, whose members can be heard one by one.
 pub(super) enum Jury {
@@ -18,14 +18,11 @@ pub(super) enum Jury {
 }
 
 impl Jury {
-    /// The reward in `parameters`, which must have been learned with the world model whose hash is `wanted`.
-    pub(super) fn load(parameters: &Parameters, wanted: &str) -> Result<Self, RewardError> {
+    /// The reward in `parameters`, which must have been learned with the world model that is `wanted`.
+    pub(super) fn load(parameters: &Parameters, wanted: &ModelIdentity) -> Result<Self, RewardError> {
         if SparseReward::is_in(parameters) {
             let reward = SparseReward::load(parameters)?;
-            if reward.world_model() != wanted {
-                let found = reward.world_model().to_owned();
-                return Err(RewardError::OtherWorldModel { found, wanted: wanted.to_owned() });
-            }
+            reward.require(wanted)?;
             return Ok(Self::Verdicts(reward));
         }
         let reward = RewardEnsemble::load(parameters)?;
@@ -79,20 +76,26 @@ mod tests {
 
     use super::*;
     use crate::reward::{RewardConfig, SparseConfig};
+    use crate::worker::toy;
 
     #[test]
     fn rewards_of_either_kind_are_heard_member_by_member() {
         let rng = &mut ChaCha8Rng::seed_from_u64(0);
-        let preferences = RewardEnsemble::new(4, "model", RewardConfig::tiny(), rng).parameters();
-        let verdicts = SparseReward::new(4, "model", SparseConfig::tiny(), rng).parameters();
-        let features: Vec<f32> = (0..20).map(|i| (i as f32).sin()).collect();
+        let model = toy::model();
+        let preferences = RewardEnsemble::new(36, &model.hash(), RewardConfig::tiny(), rng).parameters();
+        let verdicts = SparseReward::new(36, &model.hash(), SparseConfig::tiny(), rng).parameters();
+        let others = [
+            RewardEnsemble::new(36, "another", RewardConfig::tiny(), rng).parameters(),
+            SparseReward::new(36, "another", SparseConfig::tiny(), rng).parameters(),
+        ];
+        let features: Vec<f32> = (0..180).map(|i| (i as f32).sin()).collect();
         let actions: Vec<Action> = (0..5).map(|t| Action::new(0.2 * t as f32, 0.5, 0.0)).collect();
-        for parameters in [preferences, verdicts] {
-            assert!(Jury::load(&parameters, "another").is_err());
-            let jury = Jury::load(&parameters, "model").unwrap();
+        for (parameters, other) in [preferences, verdicts].into_iter().zip(others) {
+            assert!(Jury::load(&other, model.identity()).is_err());
+            let jury = Jury::load(&parameters, model.identity()).unwrap();
             let (rewards, members) = jury.hear(&features, &actions);
             let scaled = scaled_actions_tensor(&actions);
-            let by_hand = to_vec(&jury.frozen().rewards(&from_slice(&features, &[5, 4]), &scaled));
+            let by_hand = to_vec(&jury.frozen().rewards(&from_slice(&features, &[5, 36]), &scaled));
             let gap = |a: &[f32], b: &[f32]| a.iter().zip(b).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
             // Frozen ones compute in whatever is quickest.
             assert!(gap(&rewards, &by_hand) < 0.02, "{rewards:?} and {by_hand:?}");

@@ -4,7 +4,7 @@ use crate::dream::TEMPERATURE;
 use crate::env::{Action, Frame};
 use crate::planner::{Agent, PlannerConfig};
 use crate::reward::LearnedReward;
-use crate::tensor::Parameters;
+use crate::tensor::{NotFinite, Parameters};
 use crate::worker::{Beside, BesideView};
 use crate::world_model::{Next, State, WorldModel, actions_tensor};
 
@@ -51,7 +51,7 @@ impl Companion {
     /// Plans by this reward from the next plan on; by none where it cannot be used, rather than by one that is not meant.
     pub(super) fn like(&mut self, reward: &Parameters) -> Result<(), String> {
         let Some(model) = &self.model else { return Ok(()) };
-        match LearnedReward::load(reward, &model.hash()) {
+        match LearnedReward::load(reward, model.identity()) {
             Ok(reward) => self.reward = Some(reward),
             Err(e) => {
                 (self.reward, self.agent) = (None, None);
@@ -93,14 +93,17 @@ impl Companion {
     }
 
     /// What the planner does where it drives; whoever takes hold of the wheel has it instead.
-    pub(super) fn act(&mut self, hands: Action, frame: &Frame) -> Option<Action> {
+    ///
+    /// Where it meets what is no number, it gives the wheel back.
+    pub(super) fn act(&mut self, hands: Action, frame: &Frame) -> Result<Option<Action>, NotFinite> {
         if hands != Action::default() {
             self.agent = None;
         }
         let (Some(agent), Some(model), Some(reward)) = (&mut self.agent, &self.model, &self.reward) else {
-            return None;
+            return Ok(None);
         };
-        Some(agent.act(model, reward, frame).0)
+        let driven = agent.act(model, reward, frame).map(|(action, _)| Some(action));
+        driven.inspect_err(|_| self.agent = None)
     }
 
     /// Takes in what was done where `frame` was seen.
@@ -200,10 +203,10 @@ mod tests {
         let reward = RewardEnsemble::new(36, &toy::model().hash(), RewardConfig::tiny(), rng);
         companion.like(&reward.parameters()).unwrap();
         companion.hand_over(true, 0);
-        let action = companion.act(Action::default(), &gray(3));
+        let action = companion.act(Action::default(), &gray(3)).unwrap();
         assert!(action.is_some_and(|action| action.gas > 0.0), "{action:?}");
-        assert_eq!(companion.act(Action::new(0.5, 0.0, 0.0), &gray(3)), None);
-        assert_eq!(companion.act(Action::default(), &gray(3)), None, "until it is handed over again");
+        assert_eq!(companion.act(Action::new(0.5, 0.0, 0.0), &gray(3)), Ok(None));
+        assert_eq!(companion.act(Action::default(), &gray(3)), Ok(None), "until it is handed over again");
     }
 
     #[test]
@@ -217,8 +220,8 @@ mod tests {
         companion.like(&reward.parameters()).unwrap();
         companion.hand_over(true, 3);
         let config = PlannerConfig::car_racing().for_transitions();
-        let by_hand = Agent::new(config, 3).act(&toy::model(), &reward.frozen(), &gray(3)).0;
-        assert_eq!(companion.act(Action::default(), &gray(3)), Some(by_hand));
+        let by_hand = Agent::new(config, 3).act(&toy::model(), &reward.frozen(), &gray(3)).unwrap().0;
+        assert_eq!(companion.act(Action::default(), &gray(3)), Ok(Some(by_hand)));
         let refused = companion.like(&verdicts("sha256:0").parameters()).unwrap_err();
         assert!(refused.contains("the planner cannot drive by this reward"), "{refused}");
         assert!(!companion.is_driving(), "nor does it drive by the one before");

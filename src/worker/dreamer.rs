@@ -165,7 +165,7 @@ impl Dreamer<'_> {
 
     /// Plans by this reward from the next plan on; by none where it cannot be used, rather than by one that is not meant.
     fn like(&mut self, reward: &Parameters) {
-        self.reward = match LearnedReward::load(reward, &self.model.hash()) {
+        self.reward = match LearnedReward::load(reward, self.model.identity()) {
             Ok(reward) => Some(reward),
             Err(e) => {
                 self.reports.fail(NAME, format!("the planner cannot drive by this reward: {e}"));
@@ -211,14 +211,28 @@ impl Dreamer<'_> {
         if hands != Action::default() {
             live.co_driver = None;
         }
-        if let (Some(co_driver), Some(reward)) = (&mut live.co_driver, &self.reward) {
-            live.action = co_driver.act(&self.model, reward, live.dream.state());
-            live.dream.step_planned(&self.model, live.action, &mut live.rng);
+        let planned = match (&mut live.co_driver, &self.reward) {
+            (Some(co_driver), Some(reward)) => {
+                co_driver.act(&self.model, reward, live.dream.state()).map(Some)
+            }
+            _ => Ok(None),
+        };
+        let planned = planned.unwrap_or_else(|met| {
+            live.co_driver = None;
+            self.reports.fail(NAME, format!("the planner gives the wheel back: {met}"));
+            None
+        });
+        live.action = planned.unwrap_or(hands);
+        let stepped = if planned.is_some() {
+            live.dream.step_planned(&self.model, live.action, &mut live.rng)
         } else {
-            live.action = hands;
-            live.dream.step(&self.model, live.action, &mut live.rng);
-        }
+            live.dream.step(&self.model, live.action, &mut live.rng)
+        };
         live.note(self.reports);
+        if let Err(met) = stepped {
+            self.reports.fail(NAME, format!("the dream ends here, and what was dreamed is kept: {met}"));
+            return self.finish();
+        }
         let is_long_enough = live.dream.episode().len() >= MAX_STEPS;
         self.show(self.clock.time_left(Instant::now()));
         if is_long_enough {
@@ -296,7 +310,7 @@ mod tests {
 
         let (model, rng) = (toy::model(), &mut ChaCha8Rng::seed_from_u64(5));
         let mut by_hand = Dream::new(&toy::start(), 5);
-        (0..3).for_each(|_| by_hand.step(&model, Action::new(-1.0, 1.0, 0.0), rng));
+        (0..3).for_each(|_| by_hand.step(&model, Action::new(-1.0, 1.0, 0.0), rng).unwrap());
         assert_eq!(episode.unsafe_marks, [2]);
         assert_eq!((&episode.zs, &episode.actions), (&by_hand.episode().zs, &by_hand.episode().actions));
     }
@@ -357,7 +371,7 @@ mod tests {
         let [Report::Dreamt { episode, .. }] = &reports[..] else { panic!("{reports:?}") };
         let state = State::from(&toy::start());
         let by_hand = CoDriver::new(short.for_transitions(), 5).act(&toy::model(), &sparse.frozen(), &state);
-        assert_eq!((episode.n_planned(), episode.actions[0]), (1, by_hand));
+        assert_eq!((episode.n_planned(), episode.actions[0]), (1, by_hand.unwrap()));
     }
 
     #[test]
@@ -375,8 +389,8 @@ mod tests {
             (Dream::new(&toy::start(), 5), CoDriver::new(PlannerConfig::car_racing().for_transitions(), 5));
         for t in 0..5 {
             let reward = &rewards[usize::from(t >= 4)].frozen();
-            let action = driver.act(&model, reward, by_hand.state());
-            by_hand.step_planned(&model, action, rng);
+            let action = driver.act(&model, reward, by_hand.state()).unwrap();
+            by_hand.step_planned(&model, action, rng).unwrap();
         }
         assert_eq!((episode.n_planned(), &episode.actions), (5, &by_hand.episode().actions));
     }

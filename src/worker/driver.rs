@@ -8,7 +8,7 @@ use crate::env::{Env, Seed};
 use crate::evaluation::Tally;
 use crate::planner::{Agent, PlannerConfig};
 use crate::reward::LearnedReward;
-use crate::tensor::Parameters;
+use crate::tensor::{NotFinite, Parameters};
 use crate::worker::clock::{Allowance, Beat, Clock};
 use crate::worker::gallery::Gallery;
 use crate::worker::{
@@ -17,6 +17,8 @@ use crate::worker::{
 use crate::world_model::WorldModel;
 
 const NAME: &str = "driver";
+/// How it is said that an episode has ended for which there are no figures.
+pub const GAVE_UP: &str = "the drive ended";
 
 /// Starts a thread that drives `env` by planning in `model`, and shows it in `view`.
 pub fn spawn(
@@ -95,8 +97,7 @@ impl Driver<'_> {
     fn hear(&mut self, command: DriverCommand) {
         match command {
             DriverCommand::Reward(parameters) => {
-                let wanted = self.model.hash();
-                match LearnedReward::load(&parameters, &wanted) {
+                match LearnedReward::load(&parameters, self.model.identity()) {
                     Ok(reward) => self.reward = Some(reward),
                     Err(e) => return self.reports.fail(NAME, e),
                 }
@@ -145,7 +146,10 @@ impl Driver<'_> {
         let (Some(reward), Some(episode)) = (&self.reward, &mut self.episode) else { return };
         let began = Instant::now();
         self.clock.tick(began);
-        let (action, plan) = episode.agent.act(&self.model, reward, &self.env.frame());
+        let (action, plan) = match episode.agent.act(&self.model, reward, &self.env.frame()) {
+            Ok(driven) => driven,
+            Err(met) => return self.give_up(met),
+        };
         let plan_secs = plan.map(|_| began.elapsed().as_secs_f64());
         if let Some(plan) = plan {
             // Drawing takes longer than four steps: of the plans made meanwhile nothing is shown.
@@ -192,6 +196,14 @@ impl Driver<'_> {
             wheels_off: self.env.truth().wheels_off,
         });
         self.reports.wake();
+    }
+
+    /// Ends an episode in which nothing can be planned; its figures would be none.
+    fn give_up(&mut self, met: NotFinite) {
+        self.clock.stop();
+        if let Some(Episode { n_steps, .. }) = self.episode.take() {
+            self.reports.fail(NAME, format!("{GAVE_UP} at step {n_steps}: {met}"));
+        }
     }
 
     fn finish(&mut self) {

@@ -191,7 +191,7 @@ impl Librarian<'_> {
             Some(known) => known,
             None => WorldModel::load(model).map_err(|e| e.to_string())?,
         };
-        let jury = Jury::load(reward, &model.hash()).map_err(|e| e.to_string())?;
+        let jury = Jury::load(reward, model.identity()).map_err(|e| e.to_string())?;
         self.judge = Some((model, jury));
         if let Some(open) = &mut self.open {
             open.is_judged = false;

@@ -15,6 +15,8 @@ use crate::worker::{
 };
 
 const NAME: &str = "recorder";
+/// By this name the planner that rides along is told of: what befalls it ends no recording.
+const COMPANION: &str = "companion";
 /// The name of the driver in the recordings.
 const PILOT: &str = "person";
 
@@ -210,7 +212,10 @@ impl Recorder<'_> {
             return self.write_down();
         }
         let hands = held(self.action, now);
-        let planned = self.companion.act(hands, &take.frame);
+        let planned = self.companion.act(hands, &take.frame).unwrap_or_else(|met| {
+            self.reports.fail(COMPANION, format!("the planner gives the wheel back: {met}"));
+            None
+        });
         take.action = planned.unwrap_or(hands);
         let wall_time_ns = nanos_since_1970();
         let outcome = self.env.advance(take.action);

@@ -11,7 +11,7 @@ use crate::dream::{DreamEpisode, Rows};
 use crate::planner::{Plan, PlannerConfig, plan};
 use crate::query::{DreamId, Query, SEGMENT_LEN, SegmentRef};
 use crate::reward::LearnedReward;
-use crate::tensor::Parameters;
+use crate::tensor::{NotFinite, Parameters};
 use crate::worker::appraisal::Jury;
 use crate::worker::gallery::in_words;
 use crate::worker::{
@@ -93,7 +93,7 @@ impl Reviewer<'_> {
                 self.dreams.insert(id, (episode, None));
             }
             ReviewerCommand::Reward(parameters) => {
-                let jury = Jury::load(&parameters, &self.model.hash()).map_err(|e| e.to_string())?;
+                let jury = Jury::load(&parameters, self.model.identity()).map_err(|e| e.to_string())?;
                 self.now = Some(Judge { frozen: jury.frozen(), jury });
                 self.judged = None;
                 if let Some((dream, step)) = self.last {
@@ -121,12 +121,12 @@ impl Reviewer<'_> {
             let state = self.model.state_of(features.row(step));
             // The same draw for both, so that they promise something of the same plans.
             let seed = episode.seed ^ step as u64;
-            let imagine = |reward: &LearnedReward| -> Plan {
+            let imagine = |reward: &LearnedReward| -> Result<Plan, NotFinite> {
                 let config = self.planner.clone();
                 let config = if reward.is_sparse() { config.for_transitions() } else { config };
                 plan(&self.model, reward, &state, &config, &mut ChaCha8Rng::seed_from_u64(seed))
             };
-            let (now, before) = (imagine(&judge.frozen), self.before.as_ref().map(imagine));
+            let (now, before) = (imagine(&judge.frozen)?, self.before.as_ref().map(imagine).transpose()?);
             let before_of = |i: usize| before.as_ref().map(|plan| plan.candidates[i].predicted_return);
             let candidates = now.candidates.iter().enumerate();
             promises = candidates
@@ -232,7 +232,7 @@ mod tests {
         let state = model.state_of(rows.row(12));
         let imagine = |seed| {
             let rng = &mut ChaCha8Rng::seed_from_u64(dream.seed ^ seen.step as u64);
-            plan(&model, &ensemble(seed).frozen(), &state, &planner, rng)
+            plan(&model, &ensemble(seed).frozen(), &state, &planner, rng).unwrap()
         };
         let (now, before) = (imagine(1), imagine(0));
         assert_eq!((seen.chosen, seen.chosen_before), (now.chosen, Some(before.chosen)));

@@ -86,7 +86,7 @@ impl Wanted {
             is_wanted()
         };
         let wanted = [(&self.start, acquisition)];
-        let made = synthesize(model, &reward, &wanted, seen.as_ref(), config, rng, on_iteration);
+        let made = synthesize(model, &reward, &wanted, seen.as_ref(), config, rng, on_iteration)?;
         Ok(made.and_then(|mut made| made.pop()).map(|mut episode| {
             episode.seed = seed;
             Report::Synthesized { episode, acquisition }
@@ -105,11 +105,10 @@ impl Wanted {
             ));
         };
         let reward = SparseReward::load(learned).map_err(|e| e.to_string())?;
-        if reward.world_model() == model.hash() {
-            Ok(reward)
-        } else {
-            Err("this classifier was learned in another world model: fit the reward anew".to_owned())
-        }
+        let fits = reward.require(model.identity());
+        fits.map(|()| reward).map_err(|e| {
+            format!("this classifier was learned in another world model ({e}): fit the reward anew")
+        })
     }
 }
 

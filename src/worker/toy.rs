@@ -22,7 +22,7 @@ pub(super) fn start() -> LatentState {
 pub(super) fn dream(seed: u64, n: usize) -> DreamEpisode {
     let (model, rng) = (model(), &mut ChaCha8Rng::seed_from_u64(seed));
     let mut dream = Dream::new(&start(), seed);
-    (0..n).for_each(|t| dream.step(&model, Action::new((t as f32).sin(), 0.5, 0.0), rng));
+    (0..n).for_each(|t| dream.step(&model, Action::new((t as f32).sin(), 0.5, 0.0), rng).unwrap());
     dream.finish()
 }
 

@@ -4,7 +4,8 @@ use rand::Rng;
 use serde::{Deserialize, Serialize};
 use tch::{Kind, Tensor, nn};
 
-use crate::tensor::{dims, uniform};
+use crate::tensor::limits::{MAX_ACTIVATIONS, MAX_KERNEL, MAX_WIDTH, OutOfRange, product, within};
+use crate::tensor::{Slot, dims, uniform};
 
 /// One convolution: what it makes and how it moves.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -18,6 +19,40 @@ pub struct Layer {
     pub stride: i64,
     /// Pixels added on every side.
     pub padding: i64,
+}
+
+impl Layer {
+    /// Fails where the numbers are none of a convolution; `what` names it.
+    fn check(self, what: &str) -> Result<(), OutOfRange> {
+        within(&format!("the number of channels of {what}"), self.channels, 1..=MAX_WIDTH)?;
+        within(&format!("the kernel of {what}"), self.kernel, 1..=MAX_KERNEL)?;
+        within(&format!("the stride of {what}"), self.stride, 1..=self.kernel)?;
+        within(&format!("the padding of {what}"), self.padding, 0..=self.kernel - 1)
+    }
+
+    /// Pixels a side that the convolution called `what` makes of `side`, where that is a picture of a sane size.
+    pub(crate) fn convolved(self, what: &str, side: i64) -> Result<i64, OutOfRange> {
+        self.check(what)?;
+        let wanted = |side| format!("no larger than the {side} pixels a side that it is given");
+        let padded = side + 2 * self.padding;
+        if padded < self.kernel {
+            return Err(OutOfRange::new(format!("the kernel of {what}"), self.kernel, wanted(padded)));
+        }
+        self.bounded(what, (padded - self.kernel) / self.stride + 1)
+    }
+
+    /// The same of a transposed convolution.
+    pub(crate) fn deconvolved(self, what: &str, side: i64) -> Result<i64, OutOfRange> {
+        self.check(what)?;
+        self.bounded(what, (side - 1) * self.stride + self.kernel - 2 * self.padding)
+    }
+
+    fn bounded(self, what: &str, side: i64) -> Result<i64, OutOfRange> {
+        within(&format!("the side of what {what} makes"), side, 1..=MAX_ACTIVATIONS)?;
+        let n = product(&[side, side, self.channels]).unwrap_or(i64::MAX);
+        within(&format!("how many numbers {what} makes"), n, 1..=MAX_ACTIVATIONS)?;
+        Ok(side)
+    }
 }
 
 /// `y = x Wᵀ + b`.
@@ -35,6 +70,14 @@ impl Linear {
         Self { weight, bias }
     }
 
+    /// How it is stored.
+    pub(super) fn slots(name: &str, inputs: i64, outputs: i64) -> [Slot; 2] {
+        [
+            Slot::plain(format!("{name}.weight"), &[outputs, inputs]),
+            Slot::plain(format!("{name}.bias"), &[outputs]),
+        ]
+    }
+
     pub(super) fn frozen(&self) -> Self {
         Self { weight: self.weight.detach().copy(), bias: self.bias.detach().copy() }
     }
@@ -45,9 +88,11 @@ impl Linear {
 }
 
 /// The layers that are large and cover few pixels pass faster as one matrix product (measured; see the benches).
+///
+/// So they lie in memory alone. In files of layout 1 they lay so, too: for those, what was measured then still holds.
 fn as_matrix(inputs: i64, layer: Layer) -> bool {
     let large = if layer.padding == 0 { 280 } else { 700 };
-    inputs + layer.channels >= large && layer.kernel == 4
+    inputs + layer.channels >= large && layer.kernel == 4 && layer.kernel % layer.stride == 0
 }
 
 fn channels_first(x: &Tensor) -> Tensor {
@@ -61,7 +106,7 @@ pub(super) fn channels_last(x: &Tensor) -> Tensor {
 /// A convolution over channels-last pictures.
 ///
 /// As a matrix its weight is `[k · k · in, out]`, rows ordered by kernel row, kernel column, channel;
-/// otherwise `[out, in, k, k]`.
+/// otherwise `[out, in, k, k]`, as it is stored in either case.
 #[derive(Debug)]
 pub(super) struct Conv {
     layer: Layer,
@@ -71,12 +116,23 @@ pub(super) struct Conv {
 }
 
 impl Conv {
+    /// How it is stored.
+    pub(super) fn slots(name: &str, inputs: i64, layer: Layer) -> [Slot; 2] {
+        let (k, out) = (layer.kernel, layer.channels);
+        let weight = Slot::plain(format!("{name}.weight"), &[out, inputs, k, k]);
+        let bias = Slot::plain(format!("{name}.bias"), &[out]);
+        if as_matrix(inputs, layer) {
+            return [weight.rearranged(&[2, 3, 1, 0], &[k * k * inputs, out]), bias];
+        }
+        [weight, bias]
+    }
+
     pub(super) fn new(path: &nn::Path<'_>, inputs: i64, layer: Layer, rng: &mut impl Rng) -> Self {
         let (k, out) = (layer.kernel, layer.channels);
         let bound = 1.0 / ((inputs * k * k) as f64).sqrt();
         let is_matrix = as_matrix(inputs, layer);
-        let shape = if is_matrix { vec![k * k * inputs, out] } else { vec![out, inputs, k, k] };
-        let weight = path.var_copy("weight", &uniform(rng, &shape, bound));
+        let [slot, _] = Self::slots("", inputs, layer);
+        let weight = path.var_copy("weight", &uniform(rng, slot.shape_in_memory(), bound));
         let bias = path.var_copy("bias", &uniform(rng, &[out], bound));
         Self { layer, is_matrix, weight, bias }
     }
@@ -104,7 +160,7 @@ impl Conv {
 /// A transposed convolution over channels-last pictures.
 ///
 /// As a matrix its weight is `[in, k · k · out]`, columns ordered by kernel row, kernel column, channel;
-/// otherwise `[in, out, k, k]`.
+/// otherwise `[in, out, k, k]`, as it is stored in either case.
 #[derive(Debug)]
 pub(super) struct Deconv {
     layer: Layer,
@@ -114,13 +170,24 @@ pub(super) struct Deconv {
 }
 
 impl Deconv {
+    /// How it is stored.
+    pub(super) fn slots(name: &str, inputs: i64, layer: Layer) -> [Slot; 2] {
+        let (k, out) = (layer.kernel, layer.channels);
+        let weight = Slot::plain(format!("{name}.weight"), &[inputs, out, k, k]);
+        let bias = Slot::plain(format!("{name}.bias"), &[out]);
+        if as_matrix(inputs, layer) {
+            return [weight.rearranged(&[0, 2, 3, 1], &[inputs, k * k * out]), bias];
+        }
+        [weight, bias]
+    }
+
     pub(super) fn new(path: &nn::Path<'_>, inputs: i64, layer: Layer, rng: &mut impl Rng) -> Self {
         let (k, out) = (layer.kernel, layer.channels);
         // PyTorch reads the fan-in of a transposed convolution off the wrong axis: the outputs.
         let bound = 1.0 / ((out * k * k) as f64).sqrt();
         let is_matrix = as_matrix(inputs, layer);
-        let shape = if is_matrix { vec![inputs, k * k * out] } else { vec![inputs, out, k, k] };
-        let weight = path.var_copy("weight", &uniform(rng, &shape, bound));
+        let [slot, _] = Self::slots("", inputs, layer);
+        let weight = path.var_copy("weight", &uniform(rng, slot.shape_in_memory(), bound));
         let bias = path.var_copy("bias", &uniform(rng, &[out], bound));
         Self { layer, is_matrix, weight, bias }
     }
@@ -204,12 +271,14 @@ mod tests {
             let (stride, padding) = ([stride; 2], [padding; 2]);
             let apart = |a: &Tensor, b: &Tensor| (a - b).abs().max().double_value(&[]);
 
-            let weight = conv.weight.view([4, 4, inputs, channels]).permute([3, 2, 0, 1]);
+            let weight = Conv::slots("c", inputs, layer)[0].from_memory(&conv.weight);
+            assert_eq!(weight.size(), [channels, inputs, 4, 4]);
             let bias = Some(&conv.bias);
             let plain = channels_first(&x).conv2d(&weight, bias, stride, padding, [1; 2], 1);
             assert!(apart(&conv.forward(&x, Kind::Float), &channels_last(&plain)) < 1e-4, "{layer:?}");
 
-            let weight = deconv.weight.view([inputs, 4, 4, channels]).permute([0, 3, 1, 2]);
+            let weight = Deconv::slots("d", inputs, layer)[0].from_memory(&deconv.weight);
+            assert_eq!(weight.size(), [inputs, channels, 4, 4]);
             let (x_first, bias) = (channels_first(&x), Some(&deconv.bias));
             let plain = x_first.conv_transpose2d(&weight, bias, stride, padding, [0; 2], 1, [1; 2]);
             assert!(apart(&deconv.forward(&x, Kind::Float), &channels_last(&plain)) < 1e-4, "{layer:?}");

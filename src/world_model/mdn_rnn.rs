@@ -5,7 +5,8 @@ use serde::{Deserialize, Serialize};
 use tch::{Kind, Tensor, nn};
 
 use crate::env::Action;
-use crate::tensor::{dims, from_slice, normal, uniform};
+use crate::tensor::limits::{MAX_COMPONENTS, MAX_LATENTS, MAX_MEMORY, OutOfRange, within};
+use crate::tensor::{Slot, dims, from_slice, normal, uniform};
 
 /// The shape of an [`MdnRnn`].
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -38,6 +39,27 @@ impl MdnRnnConfig {
     /// A toy for tests.
     pub fn tiny() -> Self {
         Self { latent: 4, memory: 16, components: 2 }
+    }
+
+    /// Fails where no network can be of this shape.
+    pub fn check(&self) -> Result<(), OutOfRange> {
+        within("the number of memory's latents", self.latent, 1..=MAX_LATENTS)?;
+        within("the number of memory's cells", self.memory, 1..=MAX_MEMORY)?;
+        within("the number of memory's Gaussians", self.components, 1..=MAX_COMPONENTS)
+    }
+
+    /// How the network is stored.
+    pub fn slots(&self) -> Vec<Slot> {
+        let (m, inputs) = (self.memory, self.latent + Action::LEN as i64);
+        let outputs = self.latent * self.components * 3;
+        vec![
+            Slot::plain("lstm.weight_ih", &[4 * m, inputs]),
+            Slot::plain("lstm.weight_hh", &[4 * m, m]),
+            Slot::plain("lstm.bias_ih", &[4 * m]),
+            Slot::plain("lstm.bias_hh", &[4 * m]),
+            Slot::plain("head.weight", &[outputs, m]),
+            Slot::plain("head.bias", &[outputs]),
+        ]
     }
 }
 

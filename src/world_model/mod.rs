@@ -4,12 +4,11 @@
 
 pub mod fit;
 mod foresight;
+mod identity;
 mod layers;
 pub mod mdn_rnn;
 mod starts;
 pub mod vae;
-
-use std::cell::OnceCell;
 
 use rand::{Rng, SeedableRng as _};
 use rand_chacha::ChaCha8Rng;
@@ -17,9 +16,14 @@ use serde::{Deserialize, Serialize};
 use tch::{Device, Kind, Tensor, nn};
 
 use crate::env::{Action, Frame};
-use crate::tensor::{Parameters, ParametersError, from_frames, from_slice, to_frames, to_vec};
+use crate::tensor::limits::{MAX_EPISODE, OutOfRange, named};
+use crate::tensor::{
+    NotFinite, Parameters, ParametersError, Slot, described, describes, from_frames, from_slice, is_finite,
+    to_frames, to_vec,
+};
 
 use foresight::Foresight;
+pub use identity::ModelIdentity;
 pub use layers::Layer;
 pub use mdn_rnn::{MdnRnn, MdnRnnConfig, Memory, Mixture, Noise};
 pub use vae::{Vae, VaeConfig};
@@ -73,6 +77,26 @@ impl WorldModelConfig {
     pub fn n_features(&self) -> i64 {
         self.mdn_rnn.latent + 2 * self.mdn_rnn.memory
     }
+
+    /// Fails where no networks can be of these shapes, or where they do not fit each other.
+    pub fn check(&self) -> Result<(), OutOfRange> {
+        named("the environment's name", &self.env)?;
+        self.vae.check()?;
+        self.mdn_rnn.check()?;
+        if self.vae.latent == self.mdn_rnn.latent {
+            return Ok(());
+        }
+        let wanted = format!("those of vision, {}", self.vae.latent);
+        Err(OutOfRange::new("the number of memory's latents", self.mdn_rnn.latent, wanted))
+    }
+
+    /// That which the header of `parameters` tells, and the layout in which they are.
+    fn of(parameters: &Parameters) -> Result<(u32, Self), WorldModelError> {
+        let told = describes::<Self>(parameters.metadata("config").as_deref());
+        let (layout, config) = told.map_err(WorldModelError::Header)?;
+        config.check().map_err(WorldModelError::Config)?;
+        Ok((layout, config))
+    }
 }
 
 /// A batch of states: latents, and the memory *before* taking in these latents and the action to come.
@@ -98,6 +122,17 @@ impl State {
     pub fn features(&self) -> Tensor {
         // DIFFERENCE: the paper writes [h, z]; the authors' code, which made the numbers, has this order (method §14.6).
         Tensor::cat(&[&self.z, &self.memory.c, &self.memory.h], 1)
+    }
+
+    /// Fails where one of the states is not made of numbers; `what` says which they are.
+    pub fn require_finite(&self, what: &str) -> Result<(), NotFinite> {
+        let part = |name: &str, part: &Tensor| {
+            let met = || NotFinite(format!("what the world model makes of {what} ({name})"));
+            is_finite(part).then_some(()).ok_or_else(met)
+        };
+        part("latents", &self.z)?;
+        part("memory", &self.memory.c)?;
+        part("memory", &self.memory.h)
     }
 
     /// States one beside the other.
@@ -175,8 +210,8 @@ pub struct WorldModel {
     /// The same memory, rearranged.
     foresight: Foresight,
     starts: Vec<LatentState>,
-    /// Hashed once, when it is first asked for: there are megabytes of it.
-    hash: OnceCell<String>,
+    held_out: Option<Vec<usize>>,
+    identity: ModelIdentity,
 }
 
 /// Why a world model cannot be loaded.
@@ -184,30 +219,49 @@ pub struct WorldModel {
 pub enum WorldModelError {
     /// The parameters are wrong.
     #[error("cannot load the world model: {0}")]
-    Parameters(#[from] ParametersError),
+    Parameters(ParametersError),
     /// The header does not describe networks.
     #[error("cannot load the world model: its header does not describe one ({0})")]
     Header(String),
+    /// The header describes networks that cannot be.
+    #[error("cannot load the world model: {0}")]
+    Config(OutOfRange),
+    /// What lies beside the networks does not fit them.
+    #[error("cannot load the world model: {what}")]
+    Beside {
+        /// What is wrong.
+        what: String,
+    },
+}
+
+impl From<ParametersError> for WorldModelError {
+    fn from(met: ParametersError) -> Self {
+        Self::Parameters(met)
+    }
 }
 
 impl WorldModel {
     /// The model whose networks `parameters` hold; their header says which they are.
     pub fn load(parameters: Parameters) -> Result<Self, WorldModelError> {
-        let header = parameters.metadata("config").unwrap_or_default();
-        let config: WorldModelConfig =
-            serde_json::from_str(&header).map_err(|e| WorldModelError::Header(e.to_string()))?;
+        let identity = ModelIdentity::of(&parameters)?;
+        let (layout, config) = (identity.layout(), identity.config().clone());
+        let (of_vae, of_mdn_rnn) = (config.vae.slots(), config.mdn_rnn.slots());
+        // Before anything is made: what a header promises, the file must hold.
+        parameters.require("vae", &of_vae, layout)?;
+        parameters.require("mdn_rnn", &of_mdn_rnn, layout)?;
+        let starts = starts::unpack(&parameters, &config.mdn_rnn)?;
+        let held_out = held_out(&parameters)?;
         // The draw is overwritten at once.
         let rng = &mut ChaCha8Rng::seed_from_u64(0);
         let (vision, memory) = (nn::VarStore::new(Device::Cpu), nn::VarStore::new(Device::Cpu));
         let vae = Vae::new(&vision.root(), config.vae.clone(), Kind::Float, rng);
         let mdn_rnn = MdnRnn::new(&memory.root(), config.mdn_rnn.clone(), rng);
-        parameters.load("vae", &vision)?;
-        parameters.load("mdn_rnn", &memory)?;
+        parameters.fill("vae", &of_vae, layout, &vision)?;
+        parameters.fill("mdn_rnn", &of_mdn_rnn, layout, &memory)?;
         let (mut memory, eyes, brush) = (memory, vae.frozen(Kind::Float), vae.frozen(fast_kind()));
         memory.freeze();
-        let starts = starts::unpack(&parameters);
         let foresight = Foresight::of(&mdn_rnn);
-        Ok(Self { config, parameters, eyes, brush, foresight, mdn_rnn, starts, hash: OnceCell::new() })
+        Ok(Self { config, parameters, eyes, brush, mdn_rnn, foresight, starts, held_out, identity })
     }
 
     /// The state, a batch of one, whose features `[z | c | h]` are these.
@@ -223,8 +277,10 @@ impl WorldModel {
         vision: &nn::VarStore,
         memory: &nn::VarStore,
     ) -> Parameters {
-        let header = serde_json::to_string(config).unwrap_or_else(|e| unreachable!("plain data: {e}"));
-        Parameters::of(&[("vae", vision), ("mdn_rnn", memory)], &[("config", header)])
+        let (of_vae, of_mdn_rnn) = (config.vae.slots(), config.mdn_rnn.slots());
+        let stores: [(&str, &nn::VarStore, &[Slot]); 2] =
+            [("vae", vision, &of_vae), ("mdn_rnn", memory, &of_mdn_rnn)];
+        Parameters::stored(&stores, &[("config", described(config))])
     }
 
     /// This model's parameters with `starts` beside them, and the numbers of the episodes that were held out.
@@ -236,8 +292,7 @@ impl WorldModel {
 
     /// The recorded episodes that this model was never trained on, where its file says so.
     pub fn held_out(&self) -> Option<Vec<usize>> {
-        let held_out = self.parameters.tensor("held_out")?;
-        Some(to_vec(&held_out).into_iter().map(|episode| episode as usize).collect())
+        self.held_out.clone()
     }
 
     /// Where dreams may start: moments of held-out real episodes, their memory warm.
@@ -251,8 +306,10 @@ impl WorldModel {
     }
 
     /// What identifies this model: everything dreamed with it names it.
+    ///
+    /// One that was stored in another layout since then is called otherwise: whether it is meant, [`Self::is`] says.
     pub fn hash(&self) -> String {
-        self.hash.get_or_init(|| self.parameters.hash()).clone()
+        self.parameters.hash()
     }
 
     /// The parameters this was loaded from.
@@ -321,6 +378,25 @@ impl WorldModel {
     pub fn decode(&self, z: &Tensor) -> Vec<Frame> {
         tch::no_grad(|| to_frames(&self.brush.decode(z)))
     }
+}
+
+/// The numbers of the episodes that were held out, where `parameters` tell them.
+fn held_out(parameters: &Parameters) -> Result<Option<Vec<usize>>, WorldModelError> {
+    let Some(held_out) = parameters.finite("held_out")? else { return Ok(None) };
+    let wrong = |what| WorldModelError::Beside { what };
+    if held_out.dim() != 1 {
+        return Err(wrong(format!(
+            "its \"held_out\" has the shape {:?}, and must have one axis",
+            held_out.size()
+        )));
+    }
+    let number = |episode: f32| {
+        let is_one = (0.0..=MAX_EPISODE).contains(&episode) && episode.fract() == 0.0;
+        is_one.then_some(episode as usize).ok_or_else(|| {
+            wrong(format!("its \"held_out\" names the episode {episode:?}, which is no number of one"))
+        })
+    };
+    to_vec(&held_out).into_iter().map(number).collect::<Result<_, _>>().map(Some)
 }
 
 /// A tensor of actions as driven.

@@ -3,8 +3,9 @@
 use tch::Tensor;
 
 use crate::env::{Action, Frame};
-use crate::tensor::{Parameters, dims, from_slice, to_vec};
-use crate::world_model::{LatentState, State, WorldModel, actions_tensor};
+use crate::tensor::limits::{MAX_STARTS, within};
+use crate::tensor::{Parameters, ParametersError, from_slice, to_vec};
+use crate::world_model::{LatentState, MdnRnnConfig, State, WorldModel, WorldModelError, actions_tensor};
 
 impl WorldModel {
     /// The states in a real episode before the steps `at`, the memory having taken in all steps before.
@@ -40,11 +41,39 @@ pub(super) fn pack(starts: &[LatentState]) -> Vec<(String, Tensor)> {
     ]
 }
 
-/// The starts that lie among `parameters`, if any do.
-pub(super) fn unpack(parameters: &Parameters) -> Vec<LatentState> {
-    let part = |name: &str| parameters.tensor(&format!("starts.{name}"));
-    let (Some(zs), Some(cs), Some(hs)) = (part("z"), part("c"), part("h")) else { return Vec::new() };
-    let [n, _] = dims(&zs);
+/// The starts that lie among `parameters`, if any do: all three parts, a row of each a start.
+pub(super) fn unpack(
+    parameters: &Parameters,
+    config: &MdnRnnConfig,
+) -> Result<Vec<LatentState>, WorldModelError> {
+    const NAMES: [&str; 3] = ["starts.z", "starts.c", "starts.h"];
+    let wrong = |what| WorldModelError::Beside { what };
+    let parts = NAMES.map(|name| parameters.finite(name));
+    let [Some(zs), Some(cs), Some(hs)] = &lifted(parts)? else {
+        let is_there = |name: &&str| parameters.tensor(name).is_some();
+        return match (NAMES.iter().any(is_there), NAMES.iter().find(|name| !is_there(name))) {
+            (true, Some(missing)) => {
+                Err(wrong(format!("it has states to start dreams from, but no {missing:?}")))
+            }
+            _ => Ok(Vec::new()),
+        };
+    };
+    let n = zs.size().first().copied().unwrap_or_default();
+    within("the number of states to start dreams from", n, 0..=MAX_STARTS as i64)
+        .map_err(WorldModelError::Config)?;
+    for (name, part, width) in
+        [(NAMES[0], zs, config.latent), (NAMES[1], cs, config.memory), (NAMES[2], hs, config.memory)]
+    {
+        let (found, wanted) = (part.size(), vec![n, width]);
+        if found != wanted {
+            return Err(ParametersError::Shape { name: name.to_owned(), found, wanted }.into());
+        }
+    }
     let row = |rows: &Tensor, i| to_vec(&rows.get(i));
-    (0..n).map(|i| LatentState { z: row(&zs, i), c: row(&cs, i), h: row(&hs, i) }).collect()
+    Ok((0..n).map(|i| LatentState { z: row(zs, i), c: row(cs, i), h: row(hs, i) }).collect())
+}
+
+/// The three, or the first error among them.
+fn lifted<T, E>([a, b, c]: [Result<T, E>; 3]) -> Result<[T; 3], E> {
+    Ok([a?, b?, c?])
 }

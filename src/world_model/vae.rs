@@ -6,7 +6,8 @@ use rand::Rng;
 use serde::{Deserialize, Serialize};
 use tch::{Kind, Tensor, nn};
 
-use crate::tensor::dims;
+use crate::tensor::limits::{MAX_ACTIVATIONS, MAX_LATENTS, MAX_LAYERS, MAX_SIDE, OutOfRange, within};
+use crate::tensor::{Slot, dims};
 use crate::world_model::layers::{Conv, Deconv, Layer, Linear, channels_last};
 
 /// The shape of a [`Vae`] and its one hyper-parameter.
@@ -64,6 +65,54 @@ impl VaeConfig {
         Self { side: 20, latent: 4, encoder, decoder, free_bits: 0.1, emphasis: 0.0 }
     }
 
+    /// Fails where no network can be of this shape.
+    pub fn check(&self) -> Result<(), OutOfRange> {
+        within("the side of vision's frames", self.side, 1..=MAX_SIDE)?;
+        within("the number of vision's latents", self.latent, 1..=MAX_LATENTS)?;
+        within("the number of vision's encoding layers", self.encoder.len(), 1..=MAX_LAYERS)?;
+        within("the number of vision's decoding layers", self.decoder.len(), 1..=MAX_LAYERS)?;
+        within("vision's free bits", self.free_bits, 0.0..=1e6)?;
+        within("vision's emphasis", self.emphasis, 0.0..=1e6)?;
+        let mut side = self.side;
+        for (i, layer) in self.encoder.iter().enumerate() {
+            side = layer.convolved(&format!("vision's conv{}", i + 1), side)?;
+        }
+        for (i, layer) in self.decoder.iter().enumerate() {
+            side = layer.deconvolved(&format!("vision's deconv{}", i + 1), side)?;
+        }
+        if side != self.side {
+            let wanted = format!("the side of the frames, {}", self.side);
+            return Err(OutOfRange::new("the side of the pictures that vision paints", side, wanted));
+        }
+        let n_colors = self.decoder.last().map_or(0, |layer| layer.channels);
+        within("the number of colors that vision paints", n_colors, 3..=3)?;
+        within("how many features vision has", self.n_features(), 1..=MAX_ACTIVATIONS)
+    }
+
+    /// How the network is stored.
+    pub fn slots(&self) -> Vec<Slot> {
+        let mut slots = Vec::new();
+        let mut channels = 3;
+        for (i, layer) in self.encoder.iter().enumerate() {
+            slots.extend(Conv::slots(&format!("conv{}", i + 1), channels, *layer));
+            channels = layer.channels;
+        }
+        let n_features = self.n_features();
+        slots.extend(Linear::slots("fc_mu", n_features, self.latent));
+        slots.extend(Linear::slots("fc_logvar", n_features, self.latent));
+        slots.extend(Linear::slots("dec_fc", self.latent, n_features));
+        for (i, layer) in self.decoder.iter().enumerate() {
+            slots.extend(Deconv::slots(&format!("deconv{}", i + 1), channels, *layer));
+            channels = layer.channels;
+        }
+        slots
+    }
+
+    /// Numbers where encoder and decoder meet.
+    fn n_features(&self) -> i64 {
+        self.depth() * self.bottom() * self.bottom()
+    }
+
     /// Pixels a side where encoder and decoder meet.
     fn bottom(&self) -> i64 {
         let shrink = |side, layer: &Layer| (side + 2 * layer.padding - layer.kernel) / layer.stride + 1;
@@ -96,14 +145,14 @@ pub struct Vae {
 impl Vae {
     /// A fresh network under `path`, drawn by `rng` as PyTorch draws it (method §3.5), computing in `kind`.
     pub fn new(path: &nn::Path<'_>, config: VaeConfig, kind: Kind, rng: &mut impl Rng) -> Self {
-        let (bottom, depth, latent) = (config.bottom(), config.depth(), config.latent);
+        let latent = config.latent;
         let mut channels = 3;
         let mut encoder = Vec::new();
         for (i, layer) in config.encoder.iter().enumerate() {
             encoder.push(Conv::new(&(path / format!("conv{}", i + 1)), channels, *layer, rng));
             channels = layer.channels;
         }
-        let n_features = depth * bottom * bottom;
+        let n_features = config.n_features();
         let mean = Linear::new(&(path / "fc_mu"), n_features, latent, rng);
         let log_var = Linear::new(&(path / "fc_logvar"), n_features, latent, rng);
         let decoder_in = Linear::new(&(path / "dec_fc"), latent, n_features, rng);

@@ -1,6 +1,7 @@
 //! What a labeler and a researcher feel of the world model: a dream step with its picture, and a training update.
 //!
 //! One thread, unless the name says another number; compare figures of one run only.
+#![expect(clippy::unwrap_used, reason = "a bench that cannot go on ends")]
 
 use divan::Bencher;
 use dropj::dream::Dream;
@@ -105,7 +106,7 @@ fn dream_step_and_picture(bencher: Bencher<'_, '_>) {
     let start = LatentState { z: vec![0.1; 32], c: vec![0.1; 256], h: vec![0.1; 256] };
     let (mut dream, mut rng) = (Dream::new(&start, 0), rng());
     bencher.bench_local(|| {
-        dream.step(&model, Action::default(), &mut rng);
+        dream.step(&model, Action::default(), &mut rng).unwrap();
         dream.frame(&model)
     });
 }
@@ -146,5 +147,5 @@ fn obstacle_plan_15_times_15(bencher: Bencher<'_, '_>, on: (&str, i32)) {
     let n_features = model.config().n_features();
     let reward = RewardEnsemble::new(n_features, "sha256:0", RewardConfig::car_racing(), &mut rng);
     let (reward, config) = (reward.frozen(), PlannerConfig::obstacle_car_racing());
-    bencher.bench_local(|| plan(&model, &reward, &state, &config, &mut rng).chosen);
+    bencher.bench_local(|| plan(&model, &reward, &state, &config, &mut rng).unwrap().chosen);
 }

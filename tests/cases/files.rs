@@ -27,7 +27,7 @@ fn dream(model: &WorldModel, len: usize, seed: u64) -> DreamEpisode {
     let start = LatentState { z: vec![0.1; 4], c: vec![0.0; 16], h: vec![0.0; 16] };
     let (mut dream, rng) = (Dream::new(&start, seed), &mut ChaCha8Rng::seed_from_u64(seed));
     for t in 0..len {
-        dream.step(model, Action::new((t as f32).sin(), 0.5, 0.0), rng);
+        dream.step(model, Action::new((t as f32).sin(), 0.5, 0.0), rng).unwrap();
     }
     dream.finish()
 }
@@ -396,7 +396,7 @@ fn what_is_said_after_a_mishap_is_refused_kept_and_saved_elsewhere() {
         assert_eq!(saved.session().answers().len(), 3, "{mishap}");
         saved.record(answered(QueryId(3), SafetyAnswer::OnlyRight)).unwrap();
         drop(saved);
-        let read = SessionStore::open(&dir.path().join("e"), Some(&model.hash())).unwrap();
+        let read = SessionStore::open(&dir.path().join("e"), Some(model.identity())).unwrap();
         assert_eq!(read.session().answers().len(), 4, "{mishap}: it goes on there");
         assert_eq!(read.dream(DreamId(1)).unwrap(), dream(&model, 25, 2), "{mishap}");
         assert_eq!(read.reward().unwrap().unwrap().hash(), model.hash(), "{mishap}");

@@ -9,6 +9,7 @@ mod program;
 
 mod compare;
 mod files;
+mod networks;
 mod numbers;
 mod sessions;
 mod starting;

@@ -30,7 +30,7 @@ fn dream(model: &WorldModel, seed: u64) -> DreamEpisode {
     let mut dream = Dream::new(&start, seed);
     let rng = &mut ChaCha8Rng::seed_from_u64(seed);
     for t in 0..60 {
-        dream.step(model, Action::new((t as f32).sin(), 0.5, 0.0), rng);
+        dream.step(model, Action::new((t as f32).sin(), 0.5, 0.0), rng).unwrap();
     }
     dream.finish()
 }

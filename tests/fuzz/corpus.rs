@@ -52,7 +52,7 @@ fn dream(len: usize, seed: u64) -> DreamEpisode {
     let mut dream = Dream::new(&start(), seed);
     let (model, rng) = (model(), &mut rng());
     for t in 0..len {
-        dream.step(&model, Action::new((t as f32).sin(), 0.5, 0.0), rng);
+        dream.step(&model, Action::new((t as f32).sin(), 0.5, 0.0), rng).unwrap();
     }
     dream.mark_unsafe();
     let mut episode = dream.finish();

@@ -4,6 +4,8 @@ use std::fs;
 
 use dropj::query::DreamId;
 
+use dropj::world_model::ModelIdentity;
+
 use super::*;
 
 /// Puts a copy of the log in its place, as a tool that brings files up to date does.
@@ -57,7 +59,7 @@ fn a_log_that_was_replaced_is_told_of_at_once_and_nothing_said_is_lost() {
     assert_ne!(first, second);
     drop(harness);
 
-    let read = SessionStore::open(&second, Some(&world().parameters.hash())).unwrap();
+    let read = SessionStore::open(&second, Some(&ModelIdentity::of(&world().parameters).unwrap())).unwrap();
     assert_eq!(read.session().answers().len(), 3, "it goes on there");
     assert_eq!(read.dream(DreamId(0)).unwrap().len(), 200);
     assert_eq!(read.dream(DreamId(1)).unwrap().len(), 90);

@@ -201,11 +201,16 @@ impl<'a> Learner<'a> {
             self.go_on_with_verdicts();
         } else if self.is_behind() {
             let mut losses = Vec::new();
-            let _ = self.trainer.fit(&mut self.rng, |report| {
+            let fitted = self.trainer.fit(&mut self.rng, |report| {
                 losses.clone_from(&report.losses);
                 ControlFlow::Continue(())
             });
+            // Where it fails it is not tried again before something changes.
             self.n_new = 0;
+            if let Err(e) = fitted {
+                (self.has_learned, self.has_news) = (false, false);
+                return self.reports.fail(NAME, e);
+            }
             self.n_fits += 1;
             (self.has_learned, self.has_news) = (true, true);
             let figures = self.trainer.recent().filter(|figures| figures.n >= MIN_LABELS);

@@ -87,7 +87,7 @@ fn enough_answers_teach_the_reward_and_hand_it_on() {
         _ => None,
     });
     let ensemble = RewardEnsemble::load(&handed_on.unwrap()).unwrap();
-    assert!(ensemble.require(&toy::model().hash()).is_ok(), "it names the model it was learned in");
+    assert!(ensemble.require(toy::model().identity()).is_ok(), "it names the model it was learned in");
 }
 
 #[test]

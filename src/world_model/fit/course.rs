@@ -7,7 +7,9 @@ use tch::{Tensor, nn};
 
 use crate::run::Run;
 use crate::tensor::adam::Adam;
-use crate::tensor::{Parameters, ParametersError};
+use crate::tensor::{
+    NotFinite, Parameters, ParametersError, Slot, described, describes, layout_of, require_finite,
+};
 use crate::world_model::fit::{FitError, Progress, Report, Schedule, Stage};
 
 /// A network on its way.
@@ -15,6 +17,8 @@ pub(super) struct Course<'a> {
     stage: Stage,
     schedule: &'a Schedule,
     store: nn::VarStore,
+    /// How the network is stored.
+    slots: Vec<Slot>,
     adam: Adam,
     rng: ChaCha8Rng,
     standing: Standing,
@@ -37,14 +41,14 @@ impl<'a> Course<'a> {
     pub(super) fn new(
         stage: Stage,
         schedule: &'a Schedule,
-        store: nn::VarStore,
+        (store, slots): (nn::VarStore, Vec<Slot>),
         rng: ChaCha8Rng,
         basis: String,
     ) -> Self {
         let adam = Adam::new(&store);
         let learning_rate = schedule.learning_rate;
         let standing = Standing { epoch: 0, learning_rate, best: f64::INFINITY, n_stale: 0, basis };
-        Self { stage, schedule, store, adam, rng, standing }
+        Self { stage, schedule, store, slots, adam, rng, standing }
     }
 
     /// The name of a checkpoint.
@@ -57,13 +61,17 @@ impl<'a> Course<'a> {
     /// still to come, and the network begins them as it is.
     fn resume(&mut self, run: &Run) -> Result<(), FitError> {
         let Some(saved) = run.load(&self.file("last"))? else { return Ok(()) };
-        saved.load("net", &self.store)?;
-        let restored = self.adam.restore(|name| saved.tensor(&format!("adam.{name}")));
-        let standing: Option<Standing> =
-            saved.metadata("standing").and_then(|text| serde_json::from_str(&text).ok());
-        let (Some(()), Some(standing)) = (restored, standing) else {
-            return Err(ParametersError::Missing("adam".to_owned()).into());
-        };
+        let none = |_| ParametersError::Missing("standing".to_owned());
+        let (layout, standing): (u32, Standing) =
+            describes(saved.metadata("standing").as_deref()).map_err(none)?;
+        saved.fill("net", &self.slots, layout, &self.store)?;
+        let slots = &self.slots;
+        let restored = self.adam.restore(|name| {
+            let tensor = saved.finite(&format!("adam.{name}")).ok()??;
+            let of = name.rsplit_once('.').and_then(|(of, _)| slots.iter().find(|slot| slot.name == of));
+            of.map_or(Some(tensor.shallow_clone()), |slot| slot.read(&tensor, layout))
+        });
+        restored.ok_or_else(|| ParametersError::Missing("adam".to_owned()))?;
         if standing.basis == self.standing.basis {
             self.standing = standing;
         }
@@ -71,13 +79,24 @@ impl<'a> Course<'a> {
     }
 
     fn checkpoint(&self, run: &Run) -> Result<(), FitError> {
-        let standing =
-            serde_json::to_string(&self.standing).unwrap_or_else(|e| unreachable!("plain data: {e}"));
-        let net = self.store.variables().into_iter().map(|(name, tensor)| (format!("net.{name}"), tensor));
-        let adam = self.adam.state().into_iter().map(|(name, tensor)| (format!("adam.{name}"), tensor));
-        let all = Parameters::from_tensors(net.chain(adam), &[("standing", standing)]);
+        let slot = |name: &str| self.slots.iter().find(|slot| slot.name == name);
+        let stored =
+            |of: &str, tensor: Tensor| slot(of).map_or(tensor.shallow_clone(), |s| s.from_memory(&tensor));
+        let net = self.store.variables().into_iter();
+        let net = net.map(|(name, tensor)| (format!("net.{name}"), stored(&name, tensor)));
+        let adam = self.adam.state().into_iter().map(|(name, tensor)| {
+            let of = name.rsplit_once('.').map_or("", |(of, _)| of);
+            (format!("adam.{name}"), stored(of, tensor))
+        });
+        let all = Parameters::from_tensors(net.chain(adam), &[("standing", described(&self.standing))]);
         run.save(&self.file("last"), &all)?;
         Ok(())
+    }
+
+    /// Where a number is not one, in words.
+    fn at(&self, what: &str, update: usize) -> NotFinite {
+        let network = if self.stage == Stage::Vae { "vision" } else { "memory" };
+        NotFinite(format!("{what} of {network} at update {update} of epoch {}", self.standing.epoch + 1))
     }
 
     /// Runs all epochs that are left, then takes the best parameters back.
@@ -111,20 +130,31 @@ impl<'a> Course<'a> {
             let mut sum = 0.0;
             for done in 1..=updates_per_epoch {
                 let (loss, items) = update(&mut self.rng)?;
+                let value = loss.double_value(&[]);
+                if !value.is_finite() {
+                    return Err(FitError::NotFinite(self.at("the loss", done)));
+                }
                 self.adam.step(&loss, learning_rate, clip);
-                sum += loss.double_value(&[]);
+                sum += value;
                 progress = Progress { done, items, loss: sum / done as f64, ..progress };
                 if done < updates_per_epoch && report(&progress).is_break() {
                     return Err(FitError::Stopped);
                 }
             }
+            require_finite(&self.store, "the network")
+                .map_err(|NotFinite(which)| FitError::NotFinite(self.at(&which, updates_per_epoch)))?;
             let held_out = tch::no_grad(|| score(&mut ChaCha8Rng::seed_from_u64(0)))?;
+            if !held_out.is_finite() {
+                return Err(FitError::NotFinite(self.at("the loss on held-out episodes", updates_per_epoch)));
+            }
             let is_best = held_out < self.standing.best;
             self.standing.epoch += 1;
             if is_best {
                 self.standing.best = held_out;
                 self.standing.n_stale = 0;
-                run.save(&self.file("best"), &Parameters::of(&[("net", &self.store)], &[]))?;
+                let stores: [(&str, &nn::VarStore, &[Slot]); 1] = [("net", &self.store, &self.slots)];
+                let best = Parameters::stored(&stores, &[("standing", described(&self.standing))]);
+                run.save(&self.file("best"), &best)?;
             } else {
                 self.standing.n_stale += 1;
                 if self.standing.n_stale >= patience {
@@ -140,7 +170,8 @@ impl<'a> Course<'a> {
             }
         }
         if let Some(best) = run.load(&self.file("best"))? {
-            best.load("net", &self.store)?;
+            let layout = layout_of(best.metadata("standing").as_deref()).map_err(ParametersError::Damaged)?;
+            best.fill("net", &self.slots, layout, &self.store)?;
         }
         Ok(self.store)
     }

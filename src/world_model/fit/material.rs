@@ -6,7 +6,7 @@ use rand_chacha::ChaCha8Rng;
 use tch::{Device, Kind, Tensor, nn};
 
 use crate::dataset::Dataset;
-use crate::env::Frame;
+use crate::env::{Action, Frame};
 use crate::run::Run;
 use crate::tensor::{Parameters, ParametersError, from_frames, normal};
 use crate::world_model::fit::{FitError, Progress, Report, Stage};
@@ -147,12 +147,25 @@ struct Encoded {
     actions: Tensor,
 }
 
-fn encoded(run: &Run, episode: usize) -> Result<Encoded, FitError> {
+fn encoded(run: &Run, episode: usize, latent: i64) -> Result<Encoded, FitError> {
     let name = latents_name(episode);
     let missing = |what: &str| ParametersError::Missing(format!("{what} of {name}"));
     let saved = run.load(&name)?.ok_or_else(|| missing("all"))?;
-    let part = |what: &str| saved.tensor(what).ok_or_else(|| missing(what));
-    Ok(Encoded { mean: part("mean")?, log_var: part("log_var")?, actions: part("actions")? })
+    let part = |what: &str| saved.finite(what)?.ok_or_else(|| missing(what));
+    let encoded = Encoded { mean: part("mean")?, log_var: part("log_var")?, actions: part("actions")? };
+    let Encoded { mean, log_var, actions } = &encoded;
+    let [t, z] = mean.size()[..] else { return Err(missing("latents").into()) };
+    for (name, part, wanted) in [
+        ("log_var", log_var, [t, z]),
+        ("actions", actions, [t, Action::LEN as i64]),
+        ("mean", mean, [t, latent]),
+    ] {
+        if part.size() != wanted {
+            let (name, found) = (format!("{name} of {}", latents_name(episode)), part.size());
+            return Err(ParametersError::Shape { name, found, wanted: wanted.to_vec() }.into());
+        }
+    }
+    Ok(encoded)
 }
 
 /// Stretches of episodes, padded with zeros to the same length.
@@ -170,11 +183,12 @@ pub(super) fn stretches(
     run: &Run,
     episodes: &[usize],
     window: usize,
+    latent: i64,
     rng: &mut ChaCha8Rng,
 ) -> Result<Stretches, FitError> {
     let (mut zs, mut actions, mut lens) = (Vec::new(), Vec::new(), Vec::new());
     for &episode in episodes {
-        let Encoded { mean, log_var, actions: all } = encoded(run, episode)?;
+        let Encoded { mean, log_var, actions: all } = encoded(run, episode, latent)?;
         let n = all.size()[0];
         let len = n.min(window as i64);
         let start = rng.random_range(0..=n - len);

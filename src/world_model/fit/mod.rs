@@ -16,7 +16,8 @@ use tch::{Device, Tensor, nn};
 
 use crate::dataset::{Dataset, DatasetError};
 use crate::run::{Run, RunError};
-use crate::tensor::{Parameters, ParametersError, from_frames, normal};
+use crate::tensor::limits::OutOfRange;
+use crate::tensor::{NotFinite, Parameters, ParametersError, from_frames, normal};
 use crate::world_model::{MdnRnn, Vae, WorldModel, WorldModelConfig, fast_kind};
 
 use course::Course;
@@ -155,7 +156,13 @@ pub enum FitError {
     Run(#[from] RunError),
     /// A checkpoint belongs to other networks.
     #[error("cannot resume: {0}")]
-    Parameters(#[from] ParametersError),
+    Parameters(ParametersError),
+    /// No networks can be of the shapes that are wanted.
+    #[error("cannot train such networks: {0}")]
+    Config(OutOfRange),
+    /// A number was none, and nothing more can come of the fit.
+    #[error("{0}: the fit ends here; nothing of this epoch is kept, and the checkpoint before it is whole")]
+    NotFinite(NotFinite),
     /// What was begun with other recordings would be trained on what was held out.
     #[error(
         "this fit began with {began}, and now it would be {now}: go on with the same, or begin anew without `--resume`"
@@ -172,6 +179,12 @@ pub enum FitError {
     /// The caller asked.
     #[error("stopped; `--resume` goes on from the last checkpoint")]
     Stopped,
+}
+
+impl From<ParametersError> for FitError {
+    fn from(met: ParametersError) -> Self {
+        Self::Parameters(met)
+    }
 }
 
 /// What a resumed fit must share with the one that it goes on from: what decides which episodes are held out.
@@ -232,6 +245,7 @@ pub fn fit_world(
     report: &mut Report<'_>,
 ) -> Result<Parameters, FitError> {
     check(dataset)?;
+    config.check().map_err(FitError::Config)?;
     let n = dataset.n_episodes();
     let (env, recordings) = (config.env.clone(), dataset.fingerprint());
     let now = Terms { env, n_episodes: n, held_out: fit.held_out, seed: fit.seed, recordings };
@@ -259,7 +273,7 @@ fn with_starts(dataset: &Dataset, split: &Split, parameters: &Parameters) -> Res
     const FIRST: usize = 60;
     const SAFE_BEFORE: usize = 20;
     let model = WorldModel::load(parameters.clone())
-        .unwrap_or_else(|e| unreachable!("these are the parameters of that very model: {e}"));
+        .unwrap_or_else(|e| unreachable!("these are the finite parameters of that very model: {e}"));
     let mut starts = Vec::new();
     for (i, &episode) in split.held_out.iter().enumerate() {
         let episode = dataset.episode(episode)?;
@@ -300,7 +314,8 @@ fn fit_vae(
         Ok(sum / held_out.len() as f64)
     };
     let basis = format!("emphasis {}", config.vae.emphasis);
-    Course::new(Stage::Vae, &fit.vae, store, rng, basis).run(run, None, update, score, report)
+    let network = (store, config.vae.slots());
+    Course::new(Stage::Vae, &fit.vae, network, rng, basis).run(run, None, update, score, report)
 }
 
 fn fit_mdn_rnn(
@@ -315,7 +330,7 @@ fn fit_mdn_rnn(
     let store = nn::VarStore::new(Device::Cpu);
     let mdn_rnn = MdnRnn::new(&store.root(), config.mdn_rnn.clone(), &mut rng);
     let loss = |episodes: &[usize], rng: &mut ChaCha8Rng| -> Result<(Tensor, usize), FitError> {
-        let stretches = stretches(run, episodes, fit.window, rng)?;
+        let stretches = stretches(run, episodes, fit.window, config.mdn_rnn.latent, rng)?;
         let n_steps = stretches.lens.iter().sum::<i64>() as usize;
         Ok((mdn_rnn.loss(&stretches.zs, &stretches.actions, &stretches.lens), n_steps))
     };
@@ -333,5 +348,6 @@ fn fit_mdn_rnn(
         Ok(sum / batches.len() as f64)
     };
     // Gradients are clipped entry by entry to ±1 (method §4.4).
-    Course::new(Stage::MdnRnn, &fit.mdn_rnn, store, rng, vision).run(run, Some(1.0), update, score, report)
+    let network = (store, config.mdn_rnn.slots());
+    Course::new(Stage::MdnRnn, &fit.mdn_rnn, network, rng, vision).run(run, Some(1.0), update, score, report)
 }
