@@ -5,7 +5,7 @@ use std::sync::mpsc::Receiver;
 use std::time::{Instant, SystemTime, UNIX_EPOCH};
 
 use crate::dataset::{Dataset, DatasetError, EpisodeInfo, Recording, StepRecord};
-use crate::env::{Action, Env, Frame, Seed};
+use crate::env::{Action, End, Env, Frame, Seed};
 use crate::planner::PlannerConfig;
 use crate::worker::clock::{Allowance, Beat, Clock, Rate, held};
 use crate::worker::companion::Companion;
@@ -105,7 +105,7 @@ impl Recorder<'_> {
     fn hear(&mut self, command: RecorderCommand) -> Result<(), DatasetError> {
         match command {
             RecorderCommand::Start { dataset, seed } => {
-                self.end(false)?;
+                self.end(None)?;
                 self.start(&dataset, seed)?;
             }
             RecorderCommand::Pause(pause) if self.take.is_some() => {
@@ -131,7 +131,7 @@ impl Recorder<'_> {
                 self.show();
             }
             RecorderCommand::Beside(beside) => self.companion.ride_beside(beside),
-            RecorderCommand::Keep => self.end(false)?,
+            RecorderCommand::Keep => self.end(None)?,
             RecorderCommand::Discard => {
                 self.clock.stop();
                 self.take.take().map_or(Ok(()), |take| take.recording.discard())?;
@@ -164,13 +164,22 @@ impl Recorder<'_> {
         if self.take.is_some() || !dataset.join("journal").is_dir() {
             return Ok(None);
         }
-        Dataset::create_or_open(dataset, self.env_name).map(Some)
+        self.open(dataset).map(Some)
+    }
+
+    /// Opens the dataset for recording, and tells of what had to be moved out of it.
+    fn open(&self, dataset: &Path) -> Result<Dataset, DatasetError> {
+        let dataset = Dataset::create_or_open(dataset, self.env_name)?;
+        for damaged in dataset.damaged() {
+            self.reports.send(Report::LeftOut(damaged.to_string()));
+        }
+        Ok(dataset)
     }
 
     fn start(&mut self, dataset: &Path, seed: u64) -> Result<(), DatasetError> {
-        let dataset = Dataset::create_or_open(dataset, self.env_name)?;
+        let dataset = self.open(dataset)?;
         let info = EpisodeInfo { env: self.env_name.to_owned(), pilot: PILOT.to_owned(), seed };
-        let recording = dataset.begin(info)?;
+        let recording = dataset.begin_with(info, self.env.sensors())?;
         self.env.reset(Seed::Native(seed));
         self.take = Some(Take { dataset, recording, frame: self.env.frame(), action: Action::default() });
         self.companion.begin();
@@ -187,7 +196,7 @@ impl Recorder<'_> {
         let hands = held(self.action, now);
         let planned = self.companion.act(hands, &take.frame);
         take.action = planned.unwrap_or(hands);
-        let wall_time_ns = nanos_since_1970();
+        let (wall_time_ns, state) = (nanos_since_1970(), self.env.state());
         let outcome = self.env.advance(take.action);
         self.companion.acted(&take.frame, self.env.executed().unwrap_or(take.action));
         let step = StepRecord {
@@ -197,6 +206,7 @@ impl Recorder<'_> {
             grass: outcome.events.grass,
             contacts: self.env.truth().contacts,
             wall_time_ns,
+            state,
         };
         if let Err(e) = take.recording.push_by(&step, planned.is_some()) {
             // With a step missing it would be another episode; what was driven so far is safe in the journal.
@@ -206,18 +216,18 @@ impl Recorder<'_> {
         }
         self.show();
         self.show_beside();
-        if outcome.end.is_some() { self.end(true) } else { Ok(()) }
+        if outcome.end.is_some() { self.end(outcome.end) } else { Ok(()) }
     }
 
-    /// Seals what was driven, unless that is nothing; `done` says whether the environment ended it.
-    fn end(&mut self, done: bool) -> Result<(), DatasetError> {
+    /// Seals what was driven, unless that is nothing; `end` is why the environment ended it, if it did.
+    fn end(&mut self, end: Option<End>) -> Result<(), DatasetError> {
         self.clock.stop();
         let Some(Take { mut dataset, recording, frame, .. }) = self.take.take() else { return Ok(()) };
         let n_steps = recording.n_steps();
         if n_steps == 0 {
             return recording.discard();
         }
-        let episode = dataset.seal(recording, &frame, done)?;
+        let episode = dataset.seal(recording, &frame, end)?;
         drop(dataset);
         self.reports.send(Report::Recorded { episode, n_steps });
         Ok(())
@@ -302,6 +312,7 @@ mod tests {
 
         let episode = Dataset::open(dir.path()).unwrap().episode(0).unwrap();
         assert_eq!((episode.frames.len(), episode.done, episode.info.seed), (6, true, 9));
+        assert!(episode.truncated, "the wall ends when its time is up");
         assert_eq!(episode.actions, [Action::new(0.5, 1.0, 0.0); 5]);
         assert!(episode.frames.iter().enumerate().all(|(t, frame)| frame.rgb()[0] == t as u8));
         let (width, height, rgb) = view.take().unwrap().picture.unwrap();
@@ -355,6 +366,7 @@ mod tests {
             contacts: None,
             grass: false,
             wall_time_ns: 0,
+            state: Vec::new(),
         };
         dataset.begin(info).unwrap().push(&step).unwrap();
         drop(dataset);

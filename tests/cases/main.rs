@@ -7,4 +7,5 @@
 #[path = "../support/program.rs"]
 mod program;
 
+mod datasets;
 mod starting;
