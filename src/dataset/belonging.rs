@@ -28,6 +28,10 @@ enum Info {
 
 /// Refuses a folder that is neither ours nor empty, where `found` is what lies among its episodes.
 pub(super) fn require(dir: &Path, found: &Found) -> Result<(), DatasetError> {
+    if dir.as_os_str().is_empty() {
+        let reason = "no folder is named".to_owned();
+        return Err(DatasetError::Unfit { reason, path: dir.to_path_buf() });
+    }
     let entries = entries(dir)?;
     if entries.is_empty() {
         return Ok(());
@@ -35,12 +39,13 @@ pub(super) fn require(dir: &Path, found: &Found) -> Result<(), DatasetError> {
     let foreign = |reason| Err(DatasetError::Foreign { reason, path: dir.to_path_buf() });
     let info = info(dir);
     if let Info::Other(about) = info {
-        return foreign(if found.episodes.is_empty() {
-            about
-        } else {
-            format!(
-                "{about}, although episodes in it are; move its folder `meta` away to have that made anew"
-            )
+        return foreign(match found.others.first() {
+            None if !found.episodes.is_empty() => {
+                format!(
+                    "{about}, although the episodes are; move its folder `meta` away to have that made anew"
+                )
+            }
+            other => and_why(dir, about, other),
         });
     }
     let is_ours = !found.episodes.is_empty() || matches!(info, Info::Ours) || has_traces(dir, &entries);
@@ -57,11 +62,21 @@ pub(super) fn require(dir: &Path, found: &Found) -> Result<(), DatasetError> {
 /// Says whose the recordings in a folder are in which none of ours was found.
 pub(super) fn describe(dir: &Path, found: &Found) -> Option<String> {
     match (info(dir), found.others.first()) {
-        (Info::Other(about), _) => Some(about),
+        (Info::Other(about), other) => Some(and_why(dir, about, other)),
         (_, Some(DatasetError::NotOurs { reason, path })) => {
             Some(format!("{} is {reason}", relative(dir, path)))
         }
         _ => None,
+    }
+}
+
+/// What an index says of its dataset, and what a file says of itself.
+fn and_why(dir: &Path, about: String, other: Option<&DatasetError>) -> String {
+    match other {
+        Some(DatasetError::NotOurs { reason, path }) => {
+            format!("{about}, and {} is {reason}", relative(dir, path))
+        }
+        _ => about,
     }
 }
 
@@ -114,9 +129,7 @@ fn info(dir: &Path) -> Info {
     };
     let robot = said("robot_type").map_or_else(String::new, |robot| format!(" of {robot:?}"));
     let version = said("codebase_version").map_or_else(String::new, |version| format!(" {version}"));
-    Info::Other(format!(
-        "its meta/info.json is that of a LeRobot dataset{version}{robot} which dropj did not record"
-    ))
+    Info::Other(format!("its meta/info.json is not dropj's, but that of a LeRobot dataset{version}{robot}"))
 }
 
 /// A path within the folder, as it is told.

@@ -48,6 +48,20 @@ impl Found {
         Ok(Self { episodes, torn, others })
     }
 
+    /// What episodes of `env` can join, in a folder of ours or an empty one.
+    fn to_go_on_with(dir: &Path, env: &str) -> Result<Self, DatasetError> {
+        let found = Self::read(dir)?;
+        belonging::require(dir, &found)?;
+        found.require_alike()?;
+        match found.episodes.first() {
+            Some(first) if first.info.env != env => {
+                let met = first.info.env.clone();
+                Err(DatasetError::OtherEnv { tried: env.into(), met, path: dir.to_path_buf() })
+            }
+            _ => Ok(found),
+        }
+    }
+
     /// All episodes of a dataset are of one world and have the same columns.
     fn require_alike(&self) -> Result<(), DatasetError> {
         let Some((first, rest)) = self.episodes.split_first() else { return Ok(()) };
@@ -67,7 +81,7 @@ impl Dataset {
         let journals = dir.join("journal");
         let lock_path = journals.join(disk::LOCK);
         if !lock_path.exists() {
-            belonging::require(dir, &Found::read(dir)?)?;
+            Found::to_go_on_with(dir, env)?;
             disk::make_folder(&journals)?;
         }
         let lock = File::options().write(true).create(true).truncate(false).open(&lock_path);
@@ -81,11 +95,8 @@ impl Dataset {
             }
         }
         // From here on nobody else changes it.
-        let found = Found::read(dir)?;
-        belonging::require(dir, &found)?;
-        found.require_alike()?;
+        let found = Found::to_go_on_with(dir, env)?;
         let mut dataset = Self::of(dir, found.episodes);
-        dataset.check_env(env)?;
         dataset.env = Some(env.into());
         dataset.lock = Some(lock);
         for (reason, path) in found.torn {

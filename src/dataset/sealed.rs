@@ -393,7 +393,7 @@ fn notes(footer: &Footer, path: &Path) -> Result<Notes, String> {
     let by = footer.created_by();
     let Some(json) = footer.note(NOTES) else {
         // LeRobot's tools write the columns anew, and leave the notes out.
-        let was_ours = ["wall_time_ns", "next.grass"].into_iter().all(|name| footer.has_column(name));
+        let was_ours = ["wall_time_ns", "next.grass"].into_iter().any(|name| footer.has_column(name));
         return Err(if was_ours {
             format!(
                 "recorded by dropj, but rewritten by {by}, which left out who drove, how it ended and the last frame"

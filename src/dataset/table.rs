@@ -12,7 +12,7 @@ use parquet::basic::{Compression, ConvertedType, LogicalType, Repetition, Type a
 use parquet::column::reader::get_typed_column_reader;
 use parquet::data_type::{BoolType, ByteArray, ByteArrayType, DataType, DoubleType, FloatType, Int64Type};
 use parquet::errors::{ParquetError, Result};
-use parquet::file::metadata::{FileMetaData, KeyValue, ParquetMetaDataReader};
+use parquet::file::metadata::{ColumnChunkMetaData, FileMetaData, KeyValue, ParquetMetaDataReader};
 use parquet::file::properties::{EnabledStatistics, WriterProperties};
 use parquet::file::reader::{FileReader as _, SerializedFileReader};
 use parquet::file::writer::{SerializedFileWriter, SerializedRowGroupWriter};
@@ -312,7 +312,7 @@ impl Footer {
             return Err(Fault::torn("its footer does not match its checksum"));
         }
         let thrift = &footer[..footer.len() - TAIL];
-        if !thrift::is_struct(thrift) {
+        if !thrift::is_footer(thrift) {
             return Err(Fault::torn("its footer is no footer"));
         }
         let metadata =
@@ -386,18 +386,24 @@ impl Table {
         Ok(Self { bytes, footer, reader, n_rows })
     }
 
+    /// The pages of a column, which lie where it says.
+    fn pages(&self, column: &ColumnChunkMetaData) -> Option<&[u8]> {
+        let start = column.dictionary_page_offset().unwrap_or(column.data_page_offset());
+        let rest = self.bytes.get(usize::try_from(start).ok()?..)?;
+        rest.get(..usize::try_from(column.compressed_size()).ok()?)
+    }
+
     /// The values of the column at a path of names, `width` of them a row.
     pub(super) fn read<T: DataType>(&self, path: &[&str], width: usize) -> Result<Vec<T::T>> {
         let fault = |what: &str| ParquetError::General(format!("{what} {:?}", path.join(".")));
         let row_group = self.reader.get_row_group(0)?;
         let columns = row_group.metadata().columns();
-        let is_it = |column: &parquet::file::metadata::ColumnChunkMetaData| {
+        let is_it = |column: &ColumnChunkMetaData| {
             column.column_path().parts() == path && column.column_type() == T::get_physical_type()
         };
         let idx = columns.iter().position(is_it).ok_or_else(|| fault("there is no column"))?;
         let n_values = self.n_rows * width;
-        let (start, len) = columns[idx].byte_range();
-        let pages = self.bytes.get(start as usize..).and_then(|rest| rest.get(..len as usize));
+        let pages = self.pages(&columns[idx]);
         // What a page claims is allocated before it is read.
         let is_sane =
             pages.is_some_and(|pages| thrift::pages_hold(pages, n_values, limits::page_bytes(n_values)));

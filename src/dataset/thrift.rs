@@ -3,11 +3,15 @@
 
 /// How deep structures may lie in each other.
 const DEPTH: usize = 16;
+/// How many columns, and groups of columns, a table may have, and how deep they may lie in each other.
+const ELEMENTS: usize = 10_000;
+const ELEMENT_DEPTH: usize = 32;
 
-/// Whether all of `bytes` is one well-formed structure.
-pub(super) fn is_struct(bytes: &[u8]) -> bool {
+/// Whether all of `bytes` is the footer of a Parquet file: a well-formed structure, and no group of columns in it claims
+/// more of them than there are.
+pub(super) fn is_footer(bytes: &[u8]) -> bool {
     let mut walk = Walk { rest: bytes };
-    walk.skip_struct(0).is_some() && walk.rest.is_empty()
+    walk.footer().is_some() && walk.rest.is_empty()
 }
 
 /// Whether `pages` are pages from the first byte to the last, of at most `page_bytes` bytes each, which together hold
@@ -84,6 +88,67 @@ impl Walk<'_> {
         Some(Some((id, head & 15)))
     }
 
+    /// The length of a list, and the type of its elements, which take a byte each at least.
+    fn list(&mut self) -> Option<(usize, u8)> {
+        let head = self.byte()?;
+        let len = if head >> 4 == 15 { self.varint()? } else { u64::from(head >> 4) };
+        let len = usize::try_from(len).ok().filter(|&len| len <= self.rest.len())?;
+        Some((len, head & 15))
+    }
+
+    fn footer(&mut self) -> Option<()> {
+        let mut before = 0;
+        while let Some((id, kind)) = self.field(before)? {
+            match (id, kind) {
+                (2, 9) => self.schema()?,
+                (_, 1 | 2) => {}
+                (_, kind) => self.skip(kind, 0)?,
+            }
+            before = id;
+        }
+        Some(())
+    }
+
+    /// The elements of a schema: each group is followed by its children.
+    fn schema(&mut self) -> Option<()> {
+        let (len, kind) = self.list()?;
+        if kind != 12 || len > ELEMENTS {
+            return None;
+        }
+        // How many children of each group around the next element are still to come.
+        let mut groups: Vec<usize> = Vec::new();
+        for left in (0..len).rev() {
+            if let Some(children) = groups.last_mut() {
+                *children -= 1;
+            }
+            let children = self.schema_element()?;
+            if children > left || groups.len() >= ELEMENT_DEPTH {
+                return None;
+            }
+            if children > 0 {
+                groups.push(children);
+            }
+            while groups.last() == Some(&0) {
+                groups.pop();
+            }
+        }
+        groups.is_empty().then_some(())
+    }
+
+    /// How many children an element of a schema has.
+    fn schema_element(&mut self) -> Option<usize> {
+        let (mut before, mut children) = (0, 0);
+        while let Some((id, kind)) = self.field(before)? {
+            match (id, kind) {
+                (5, 5) => children = self.size()?,
+                (_, 1 | 2) => {}
+                (_, kind) => self.skip(kind, 1)?,
+            }
+            before = id;
+        }
+        Some(children)
+    }
+
     fn skip_struct(&mut self, depth: usize) -> Option<()> {
         let mut before = 0;
         while let Some((id, kind)) = self.field(before)? {
@@ -109,10 +174,8 @@ impl Walk<'_> {
                 self.take(len).map(drop)
             }
             9 | 10 => {
-                let head = self.byte()?;
-                let len = if head >> 4 == 15 { self.varint()? } else { u64::from(head >> 4) };
-                // Each takes a byte at least, so that no list is longer than what is left.
-                (0..len).try_for_each(|_| self.skip(head & 15, depth + 1))
+                let (len, kind) = self.list()?;
+                (0..len).try_for_each(|_| self.skip(kind, depth + 1))
             }
             12 => self.skip_struct(depth + 1),
             // Parquet has no maps.
@@ -163,13 +226,32 @@ mod tests {
 
     #[test]
     fn a_list_that_claims_more_than_there_is_is_no_structure() {
-        assert!(is_struct(&[0]), "an empty one");
+        assert!(is_footer(&[0]), "an empty one");
         // Field 1, a list of three 32-bit numbers.
-        assert!(is_struct(&[0x19, 0x35, 2, 4, 6, 0]));
-        assert!(!is_struct(&[0x19, 0x35, 2, 4, 0]), "of two");
+        assert!(is_footer(&[0x19, 0x35, 2, 4, 6, 0]));
+        assert!(!is_footer(&[0x19, 0x35, 2, 4, 0]), "of two");
         // Of 2^35 empty structures.
-        assert!(!is_struct(&[0x19, 0xfc, 0xff, 0xff, 0xff, 0xff, 0x7f, 0, 0]));
-        assert!(!is_struct(&[0x1c; 100]), "structures without an end");
+        assert!(!is_footer(&[0x19, 0xfc, 0xff, 0xff, 0xff, 0xff, 0x7f, 0, 0]));
+        assert!(!is_footer(&[0x1c; 100]), "structures without an end");
+    }
+
+    #[test]
+    fn a_schema_that_claims_more_columns_than_there_are_is_no_footer() {
+        // Field 2, a list of structures, each with its number of children in field 5.
+        let footer = |children: &[u8]| {
+            let elements = children.iter().flat_map(|&children| [0x55, 2 * children, 0]);
+            [0x29, ((children.len() as u8) << 4) + 12]
+                .into_iter()
+                .chain(elements)
+                .chain([0])
+                .collect::<Vec<_>>()
+        };
+        assert!(is_footer(&footer(&[3, 0, 1, 0, 0])));
+        assert!(!is_footer(&footer(&[60, 0, 1, 0, 0])), "of 60");
+        assert!(!is_footer(&footer(&[4, 0, 1, 0, 0])), "one is missing");
+        let deep: Vec<u8> =
+            [0x29, 0xfc, 100].into_iter().chain([0x55, 2, 0].repeat(99)).chain([0x55, 0, 0, 0]).collect();
+        assert!(!is_footer(&deep), "a hundred groups in each other");
     }
 
     #[test]

@@ -196,6 +196,8 @@ fn nothing_to_compare_is_an_error() {
     dataset(&dir.path().join("ds"), "dummy-road", &[130, 140]);
     assert!(check(&["--stretches", "0"]).refused().contains("nothing to compare"));
     assert!(check(&[]).succeeded().contains("\"n_stretches\":100"));
+    fs::remove_file(episode_file(&dir.path().join("ds"), 1)).unwrap();
+    assert!(check(&[]).refused().contains("nothing to compare"), "one episode, which was trained on");
     fs::remove_dir_all(dir.path().join("ds")).unwrap();
     dataset(&dir.path().join("ds"), "car-racing", &[130, 140]);
     assert!(check(&[]).refused().contains("these recordings are of \"car-racing\""));
@@ -274,6 +276,7 @@ fn two_worlds_in_one_folder_are_named_with_their_files() {
     dataset(&ds, "car-racing", &[3]);
     dataset(&dir.path().join("other"), "obstacle-car-racing", &[4]);
     fs::copy(episode_file(&dir.path().join("other"), 0), episode_file(&ds, 1)).unwrap();
+    fs::remove_dir_all(ds.join("journal")).unwrap();
     let before = tree(&ds);
     let fit = ["fit-world", "--data", "ds", "--out", "new.safetensors"];
     for ran in [open(dir.path()), dropj(dir.path(), fit)] {
