@@ -7,7 +7,7 @@ use std::path::Path;
 
 use dropj::dataset::{Dataset, EpisodeInfo, StepRecord};
 use dropj::dream::Dream;
-use dropj::env::{Action, Env as _, Seed};
+use dropj::env::{Action, End, Env as _, Seed};
 use dropj::evaluation::{PlanningPolicy, evaluate_episode};
 use dropj::planner::{Agent, PlannerConfig};
 use dropj::query::{DreamId, QueryId, Response, SEGMENT_LEN, SegmentRef, Weights, sample_queries};
@@ -35,16 +35,17 @@ fn recorded(folder: &Path, seeds: Range<u64>, rng: &mut ChaCha8Rng) -> Dataset {
         let mut env = DummyRoad::default();
         env.reset(Seed::Native(seed));
         let info = EpisodeInfo { env: "dummy-road".into(), pilot: "test".into(), seed };
-        let (mut recording, mut held) = (dataset.begin(info).expect("the disk has room"), Action::default());
+        let (sensors, mut held) = (env.sensors(), Action::default());
+        let mut recording = dataset.begin_with(info, sensors).expect("the disk has room");
         for t in 0..DummyRoad::LEN {
-            let (frame, action) = (env.frame(), wander(t, &mut held, rng));
+            let (frame, state, action) = (env.frame(), env.state(), wander(t, &mut held, rng));
             let outcome = env.advance(action);
             let (reward, grass) = (outcome.reward, outcome.events.grass);
             recording
-                .push(&StepRecord { frame, action, reward, grass, contacts: None, wall_time_ns: 0 })
+                .push(&StepRecord { frame, action, reward, grass, contacts: None, wall_time_ns: 0, state })
                 .expect("the disk has room");
         }
-        dataset.seal(recording, &env.frame(), true).expect("the disk has room");
+        dataset.seal(recording, &env.frame(), Some(End::TimeLimit)).expect("the disk has room");
     }
     dataset
 }

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use dropj::dataset::Dataset;
 use dropj::env::Frame;
-use dropj::evaluation::fidelity::{Fidelity, HORIZON, Stretch, fidelity};
+use dropj::evaluation::fidelity::{Fidelity, HORIZON, LEAST, Stretch, fidelity};
 use dropj::run::{Kind, OutputFile};
 use dropj::world_model::fit::{FitConfig, Split};
 
@@ -42,7 +42,24 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
         "the world model was trained on more recordings than the {n} in {:?}: give those",
         options.data
     );
+    let (env, side) = (dataset.env().unwrap_or_default(), dataset.side().unwrap_or_default());
+    let seen = &model.config().vae;
+    anyhow::ensure!(
+        env == model.config().env && i64::from(side) == seen.side,
+        "the world model was trained on {:?}, in pictures of {} pixels a side, and these recordings are of {env:?}, in \
+         pictures of {side}: give those that it was trained on, not {:?}",
+        model.config().env,
+        seen.side,
+        options.data
+    );
     let (figures, stretches) = fidelity(&model, &dataset, &held_out, options.stretches, 0)?;
+    anyhow::ensure!(
+        figures.n_stretches > 0,
+        "there is nothing to compare: of {} held-out episodes none is longer than the {LEAST} steps that it takes, or \
+         --stretches is 0; record more or longer ones, with {:?}",
+        held_out.len(),
+        options.data
+    );
     println!("{}", serde_json::json!({"steps": Fidelity::STEPS, "figures": figures}));
     if let Some(picture) = picture {
         let drawn = draw(&stretches[..stretches.len().min(3)]);

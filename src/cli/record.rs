@@ -10,6 +10,9 @@ use dropj::simulate::record::record;
 
 use super::EnvName;
 
+/// More than anybody can keep; their sum is a number.
+const MAX_EPISODES: u64 = 1_000_000_000;
+
 #[derive(Debug, clap::Args)]
 pub(crate) struct Options {
     /// The world to drive in
@@ -19,10 +22,10 @@ pub(crate) struct Options {
     #[arg(long, value_enum, default_value = "scripted")]
     pilot: Pilot,
     /// How many episodes
-    #[arg(long, value_parser = clap::value_parser!(u64).range(0..=1_000_000), default_value_t = 10)]
+    #[arg(long, default_value_t = 10, value_parser = clap::value_parser!(u64).range(..=MAX_EPISODES))]
     episodes: u64,
     /// The number of the first, to share the work among several runs
-    #[arg(long, value_parser = clap::value_parser!(u64).range(0..=u64::from(u32::MAX)), default_value_t = 0)]
+    #[arg(long, default_value_t = 0, value_parser = clap::value_parser!(u64).range(..=MAX_EPISODES))]
     first: u64,
     /// Of tracks and driving
     #[arg(long, default_value_t = 0)]

@@ -5,10 +5,17 @@ use std::io;
 use std::path::{Path, PathBuf};
 
 use super::DatasetError;
-use crate::run::{PARTIAL, replace_file};
+use crate::run::{PARTIAL, replace_file, sync_folder};
 
 /// Files in a chunk folder, as `LeRobot` has it.
 pub(super) const FILES_PER_CHUNK: usize = 1000;
+
+/// Where what is damaged is moved, out of the sight of programs that read all Parquet files of a dataset.
+pub(super) const DAMAGED: &str = "damaged";
+/// What the name of a damaged file ends in, there.
+const DAMAGED_EXTENSION: &str = "damaged";
+/// Who holds this file locked is recording; it lies in `journal`.
+pub(super) const LOCK: &str = ".lock";
 
 /// Where episode `number` is sealed.
 pub(super) fn episode_path(dir: &Path, number: usize) -> PathBuf {
@@ -19,24 +26,49 @@ pub(super) fn episode_path(dir: &Path, number: usize) -> PathBuf {
     ))
 }
 
-/// The numbers of the episodes that have a file, in order, and the file of each.
-pub(super) fn episode_files(dir: &Path) -> Result<Vec<(usize, PathBuf)>, DatasetError> {
+/// All Parquet files that others would take for parts of the dataset: first those in their places, in their order.
+pub(super) fn data_files(dir: &Path) -> Result<Vec<PathBuf>, DatasetError> {
     let mut files = Vec::new();
-    for chunk in list(&dir.join("data"))? {
-        let Some(chunk_idx) = number_in(&chunk, "chunk-", "") else { continue };
+    for chunk in list(&dir.join("data"))?.into_iter().filter(|path| path.is_dir()) {
         for file in list(&chunk)? {
-            if let Some(file_idx) = number_in(&file, "file-", ".parquet") {
-                files.push((chunk_idx * FILES_PER_CHUNK + file_idx, file));
+            if file.extension().is_some_and(|extension| extension == "parquet") {
+                files.push((place(dir, &file).unwrap_or(usize::MAX), file));
             }
         }
     }
     files.sort();
-    Ok(files)
+    Ok(files.into_iter().map(|(_, file)| file).collect())
+}
+
+/// The number of the episode whose place a path is.
+fn place(dir: &Path, path: &Path) -> Option<usize> {
+    let chunk = number_in(path.parent()?, "chunk-", "")?;
+    let number = chunk.checked_mul(FILES_PER_CHUNK)?.checked_add(number_in(path, "file-", ".parquet")?)?;
+    (episode_path(dir, number) == path).then_some(number)
 }
 
 /// The number in a name such as `chunk-007`.
 fn number_in(path: &Path, before: &str, after: &str) -> Option<usize> {
     path.file_name()?.to_str()?.strip_prefix(before)?.strip_suffix(after)?.parse().ok()
+}
+
+/// Moves a file of the dataset aside, and says where it is now; nothing that is there is overwritten.
+pub(super) fn set_aside(dir: &Path, path: &Path) -> Result<PathBuf, DatasetError> {
+    let folder = dir.join(DAMAGED);
+    make_folder(&folder)?;
+    let within = path.strip_prefix(dir).unwrap_or(path);
+    let names: Vec<_> = within.iter().map(|name| name.to_string_lossy()).collect();
+    let name = names.join("-");
+    let (mut free, mut n) = (folder.join(format!("{name}.{DAMAGED_EXTENSION}")), 0);
+    while fs::symlink_metadata(&free).is_ok() {
+        n += 1;
+        free = folder.join(format!("{name}.{n}.{DAMAGED_EXTENSION}"));
+    }
+    fs::rename(path, &free).map_err(DatasetError::disk("move the damaged file aside", path))?;
+    for moved in [path, &free] {
+        sync_folder(moved).map_err(DatasetError::disk("move the damaged file aside", moved))?;
+    }
+    Ok(free)
 }
 
 /// What a folder holds; nothing where there is no folder.
@@ -73,15 +105,24 @@ pub(super) fn replace_if_other(path: &Path, bytes: &[u8]) -> Result<(), DatasetE
     replace(path, bytes)
 }
 
-/// Removes what a killed program left half written in `dir` and the folders below it.
+/// Removes what a killed program of ours left half written in `dir` and the folders below it.
 pub(super) fn remove_partials(dir: &Path) -> Result<(), DatasetError> {
     for path in list(dir)? {
         if path.is_dir() {
             remove_partials(&path)?;
-        } else if path.extension().is_some_and(|extension| extension == PARTIAL) {
+        } else if path.extension().is_some_and(|extension| extension == PARTIAL) && is_written_here(&path) {
             log::warn!("removing a half-written file: {}", path.display());
             fs::remove_file(&path).map_err(DatasetError::disk("remove the file", &path))?;
         }
     }
     Ok(())
+}
+
+/// Whether a half-written file, without that ending, is named as one that we write.
+fn is_written_here(partial: &Path) -> bool {
+    let whole = partial.with_extension("");
+    let is_named = |names: &[&str]| names.iter().any(|name| whole.ends_with(name));
+    number_in(&whole, "file-", ".parquet").is_some()
+        || is_named(&["info.json", "stats.json", "tasks.parquet", "renumbering"])
+        || whole.extension().is_some_and(|extension| extension == super::journal::EXTENSION)
 }

@@ -36,7 +36,41 @@ pub enum DatasetError {
         /// The folder that was to be opened.
         path: PathBuf,
     },
-    /// An episode file is torn, altered or not one of ours.
+    /// The folder is somebody else's.
+    #[error(
+        "this folder holds no recordings of dropj's, which reads and writes only its own ({reason}); \
+         choose another folder, or a new one to record into: {path:?}"
+    )]
+    Foreign {
+        /// Whose it is, or what it holds.
+        reason: String,
+        /// The folder.
+        path: PathBuf,
+    },
+    /// An episode file is whole, and not as we would have written it.
+    #[error("this file cannot be among the episodes: it is {reason}; move it out of the dataset: {path:?}")]
+    NotOurs {
+        /// What it is instead.
+        reason: String,
+        /// The file.
+        path: PathBuf,
+    },
+    /// Two episodes cannot be in one dataset.
+    #[error(
+        "two episodes do not belong into one dataset: one {one}, the other {other}; \
+         move one of the files out: {path:?} and {other_path:?}"
+    )]
+    Mixed {
+        /// What the one is.
+        one: String,
+        /// What the other is.
+        other: String,
+        /// The file of the one.
+        path: PathBuf,
+        /// The file of the other.
+        other_path: PathBuf,
+    },
+    /// An episode file is torn or altered.
     #[error(
         "this episode file is damaged ({reason}); move it out of the dataset to go on without it: {path:?}"
     )]
@@ -45,6 +79,16 @@ pub enum DatasetError {
         reason: String,
         /// The file.
         path: PathBuf,
+    },
+    /// A file was damaged, and lies elsewhere now.
+    #[error("a file of the dataset is of no use ({reason}) and was moved aside, to {to:?}: {path:?}")]
+    SetAside {
+        /// What is wrong with it.
+        reason: String,
+        /// Where it was.
+        path: PathBuf,
+        /// Where it is.
+        to: PathBuf,
     },
     /// A journal does not begin as a journal does.
     #[error("this journal of an unfinished episode cannot be read, its beginning is damaged: {path:?}")]
@@ -69,6 +113,24 @@ pub enum DatasetError {
         tried: u32,
         /// Pixels a side of those before it.
         met: u32,
+        /// The dataset or journal.
+        path: PathBuf,
+    },
+    /// An episode lacks columns that those before it have, or has others.
+    #[error("an episode with the columns {tried} cannot join episodes with the columns {met}, at {path:?}")]
+    OtherColumns {
+        /// Its columns.
+        tried: String,
+        /// Those of the episodes before it.
+        met: String,
+        /// The dataset.
+        path: PathBuf,
+    },
+    /// What is to be recorded is no step of an episode.
+    #[error("this cannot be recorded: {reason}, at {path:?}")]
+    Unfit {
+        /// Why.
+        reason: String,
         /// The dataset or journal.
         path: PathBuf,
     },
@@ -123,6 +185,14 @@ impl DatasetError {
         move |met| match met {
             AppendError::Replaced => Self::Replaced { path: path.to_path_buf() },
             AppendError::Disk(met) => Self::Disk { tried, met, path: path.to_path_buf() },
+        }
+    }
+
+    /// The same once more, where it is told of a file that cannot be among the episodes.
+    pub(super) fn again(&self) -> Self {
+        match self {
+            Self::NotOurs { reason, path } => Self::NotOurs { reason: reason.clone(), path: path.clone() },
+            other => Self::NotOurs { reason: other.to_string(), path: PathBuf::new() },
         }
     }
 

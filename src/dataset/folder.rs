@@ -1,40 +1,91 @@
 //! A dataset's folder: opening, sealing, recovering, reading.
 
 use std::fs::{self, File};
+use std::io;
 use std::path::{Path, PathBuf};
 
 use sha2::{Digest as _, Sha256};
 
 use super::journal::{self, Recording, Take};
-use super::sealed::{self, Notes, Sealed, to_hex};
-use super::{DatasetError, Episode, EpisodeInfo, Unfinished, disk, meta};
-use crate::env::Frame;
+use super::sealed::{self, Notes, Place, to_hex};
+use super::{DatasetError, Episode, EpisodeInfo, Unfinished, belonging, disk, meta};
+use crate::env::{End, Frame};
 
 /// A folder of episodes in one environment.
 pub struct Dataset {
     pub(super) dir: PathBuf,
+    /// In their order, which their files' names decide.
     pub(super) episodes: Vec<Notes>,
-    damaged: Vec<DatasetError>,
-    /// The places of damaged episode files, in order.
-    pub(super) damaged_numbers: Vec<usize>,
+    pub(super) damaged: Vec<DatasetError>,
     unfinished: Vec<Unfinished>,
-    pub(super) next_number: usize,
     env: Option<String>,
     /// Held, and locked, while the dataset is open for recording.
     pub(super) lock: Option<File>,
 }
 
+/// What lies among a dataset's episodes.
+pub(super) struct Found {
+    /// Ours, in the order of their files.
+    pub(super) episodes: Vec<Notes>,
+    /// Torn files, why, and where.
+    torn: Vec<(String, PathBuf)>,
+    /// Whole files that are none of ours.
+    pub(super) others: Vec<DatasetError>,
+}
+
+impl Found {
+    /// Reads the footers of all files.
+    fn read(dir: &Path) -> Result<Self, DatasetError> {
+        let (mut episodes, mut torn, mut others) = (Vec::new(), Vec::new(), Vec::new());
+        for path in disk::data_files(dir)? {
+            match sealed::open(&path) {
+                Ok(notes) => episodes.push(notes),
+                Err(DatasetError::Damaged { reason, path }) => torn.push((reason, path)),
+                Err(error @ DatasetError::NotOurs { .. }) => others.push(error),
+                Err(error) => return Err(error),
+            }
+        }
+        Ok(Self { episodes, torn, others })
+    }
+
+    /// What episodes of `env` can join, in a folder of ours or an empty one.
+    fn to_go_on_with(dir: &Path, env: &str) -> Result<Self, DatasetError> {
+        let found = Self::read(dir)?;
+        belonging::require(dir, &found)?;
+        found.require_alike()?;
+        match found.episodes.first() {
+            Some(first) if first.info.env != env => {
+                let met = first.info.env.clone();
+                Err(DatasetError::OtherEnv { tried: env.into(), met, path: dir.to_path_buf() })
+            }
+            _ => Ok(found),
+        }
+    }
+
+    /// All episodes of a dataset are of one world and have the same columns.
+    fn require_alike(&self) -> Result<(), DatasetError> {
+        let Some((first, rest)) = self.episodes.split_first() else { return Ok(()) };
+        rest.iter().try_for_each(|other| sealed::require_alike(first, other))
+    }
+}
+
 impl Dataset {
     /// Opens a dataset for recording in the environment `env`; makes it where there is none.
     ///
-    /// This is also the moment of repair: half-written files go, a deletion that was begun is finished, and `meta` is made
-    /// to agree with the episodes.
+    /// A folder that is neither ours nor empty is refused before anything in it is touched.
+    ///
+    /// This is also the moment of repair: half-written files go, damaged ones are moved aside, and episodes and `meta` are
+    /// made to agree: their numbers and steps count on without a gap, in the order of their files.
     /// Journals left by a killed program are listed in [`unfinished`](Self::unfinished).
     pub fn create_or_open(dir: &Path, env: &str) -> Result<Self, DatasetError> {
         let journals = dir.join("journal");
-        disk::make_folder(&journals)?;
-        let lock_path = journals.join(".lock");
-        let lock = File::create(&lock_path).map_err(DatasetError::disk("lock the dataset", &lock_path))?;
+        let lock_path = journals.join(disk::LOCK);
+        if !lock_path.exists() {
+            Found::to_go_on_with(dir, env)?;
+            disk::make_folder(&journals)?;
+        }
+        let lock = File::options().write(true).create(true).truncate(false).open(&lock_path);
+        let lock = lock.map_err(DatasetError::disk("lock the dataset", &lock_path))?;
         match lock.try_lock() {
             Ok(()) => {}
             Err(fs::TryLockError::WouldBlock) => return Err(DatasetError::Busy { path: dir.to_path_buf() }),
@@ -43,18 +94,21 @@ impl Dataset {
                 log::warn!("could not lock {}: {error}", lock_path.display());
             }
         }
-        let mut dataset = Self::scan(dir)?;
-        dataset.check_env(env)?;
+        // From here on nobody else changes it.
+        let found = Found::to_go_on_with(dir, env)?;
+        let mut dataset = Self::of(dir, found.episodes);
         dataset.env = Some(env.into());
         dataset.lock = Some(lock);
+        for (reason, path) in found.torn {
+            dataset.set_aside(reason, &path)?;
+        }
         for folder in ["data", "meta", "journal"] {
             disk::remove_partials(&dir.join(folder))?;
         }
         dataset.forget_twins()?;
-        // Where an episode cannot be moved, those there are can still be read and added to.
-        if let Err(error) = dataset.repair() {
-            log::warn!("{error}");
-            dataset.damaged.push(error);
+        dataset.put_in_order()?;
+        for path in meta::strays(dir)? {
+            dataset.set_aside("it says what other programs would take for an index".to_owned(), &path)?;
         }
         meta::write(dir, &dataset.episodes)?;
         dataset.find_unfinished(&journals)?;
@@ -63,39 +117,54 @@ impl Dataset {
 
     /// Opens a dataset for reading, even where there is nothing; changes nothing on disk.
     pub fn look(dir: &Path) -> Result<Self, DatasetError> {
-        let mut dataset = Self::scan(dir)?;
-        dataset.forget_twins()?;
-        Ok(dataset)
+        Self::read(dir, Found::read(dir)?)
     }
 
     /// Opens a dataset for reading; changes nothing on disk.
     pub fn open(dir: &Path) -> Result<Self, DatasetError> {
-        let dataset = Self::look(dir)?;
-        if dataset.episodes.is_empty() && dataset.damaged.is_empty() {
-            return Err(DatasetError::Missing { path: dir.to_path_buf() });
+        let found = Found::read(dir)?;
+        let foreign = belonging::describe(dir, &found);
+        let mut dataset = Self::read(dir, found)?;
+        if !dataset.episodes.is_empty() {
+            return Ok(dataset);
+        }
+        let path = dir.to_path_buf();
+        Err(match (foreign, dataset.damaged.pop()) {
+            (Some(reason), _) => DatasetError::Foreign { reason, path },
+            (None, Some(damaged)) => damaged,
+            (None, None) => DatasetError::Missing { path },
+        })
+    }
+
+    /// What was found, to be read only.
+    fn read(dir: &Path, found: Found) -> Result<Self, DatasetError> {
+        found.require_alike()?;
+        let mut dataset = Self::of(dir, found.episodes);
+        let torn = found.torn.into_iter().map(|(reason, path)| DatasetError::Damaged { reason, path });
+        dataset.damaged.extend(torn.chain(found.others).inspect(|error| log::warn!("{error}")));
+        dataset.forget_twins()?;
+        // Wherever the files lie, their order is what counts.
+        let mut first_index = 0;
+        for (number, notes) in dataset.episodes.iter_mut().enumerate() {
+            (notes.number, notes.first_index) = (number, first_index);
+            first_index += notes.n_steps;
         }
         Ok(dataset)
     }
 
-    /// Reads the footers of all episodes.
-    fn scan(dir: &Path) -> Result<Self, DatasetError> {
-        let (mut episodes, mut damaged, mut next_number) = (Vec::<Notes>::new(), Vec::new(), 0);
-        let mut damaged_numbers = Vec::new();
-        for (number, path) in disk::episode_files(dir)? {
-            next_number = number + 1;
-            match Sealed::open(path, number) {
-                Ok(sealed) => episodes.push(sealed.notes),
-                Err(error) => {
-                    log::warn!("{error}");
-                    damaged.push(error);
-                    damaged_numbers.push(number);
-                }
-            }
-        }
+    fn of(dir: &Path, episodes: Vec<Notes>) -> Self {
         let env = episodes.first().map(|first| first.info.env.clone());
-        let dir = dir.to_path_buf();
-        let unfinished = Vec::new();
-        Ok(Self { dir, episodes, damaged, damaged_numbers, unfinished, next_number, env, lock: None })
+        let (dir, damaged, unfinished) = (dir.to_path_buf(), Vec::new(), Vec::new());
+        Self { dir, episodes, damaged, unfinished, env, lock: None }
+    }
+
+    /// Moves a file out of the dataset, to where it is in nobody's way, and remembers to tell of it.
+    pub(super) fn set_aside(&mut self, reason: String, path: &Path) -> Result<(), DatasetError> {
+        let to = disk::set_aside(&self.dir, path)?;
+        let error = DatasetError::SetAside { reason, path: path.to_path_buf(), to };
+        log::warn!("{error}");
+        self.damaged.push(error);
+        Ok(())
     }
 
     /// Where it is.
@@ -135,7 +204,7 @@ impl Dataset {
 
     /// The number that the next sealed episode gets.
     pub fn next_number(&self) -> usize {
-        self.next_number
+        self.episodes.len()
     }
 
     /// What tells these episodes, in this order, from any others.
@@ -150,19 +219,24 @@ impl Dataset {
         self.episodes.first().map(|first| first.side)
     }
 
-    /// Why some files in the folder are not among the episodes.
+    /// Why some files in the folder are not among the episodes, or not any more.
     pub fn damaged(&self) -> &[DatasetError] {
         &self.damaged
     }
 
     /// Reads the episode at `idx`, in the order of their numbers.
     pub fn episode(&self, idx: usize) -> Result<Episode, DatasetError> {
-        let Notes { number, recording, .. } = &self.episodes[idx];
-        let sealed = Sealed::open(disk::episode_path(&self.dir, *number), *number)?;
-        if sealed.notes.recording != *recording {
-            return Err(DatasetError::Moved { path: self.dir.clone() });
+        let Notes { number, recording, path, .. } = &self.episodes[idx];
+        let moved = || DatasetError::Moved { path: self.dir.clone() };
+        let (mut notes, take) = sealed::read(path).map_err(|error| match error {
+            DatasetError::Disk { met, .. } if met.kind() == io::ErrorKind::NotFound => moved(),
+            error => error,
+        })?;
+        if notes.recording != *recording {
+            return Err(moved());
         }
-        sealed.read()
+        notes.number = *number;
+        sealed::episode((notes, take))
     }
 
     /// Reads the episodes one after the other; only one at a time is in memory.
@@ -172,20 +246,27 @@ impl Dataset {
         (0..self.n_episodes()).map(|idx| self.episode(idx))
     }
 
-    /// Begins to record an episode.
+    /// Begins to record an episode in which the car measures nothing.
     pub fn begin(&self, info: EpisodeInfo) -> Result<Recording, DatasetError> {
+        self.begin_with(info, &[])
+    }
+
+    /// Begins to record an episode in which the car measures what `sensors` names.
+    pub fn begin_with(&self, info: EpisodeInfo, sensors: &[&str]) -> Result<Recording, DatasetError> {
         if self.lock.is_none() {
             return Err(DatasetError::ReadOnly { path: self.dir.clone() });
         }
         self.check_env(&info.env)?;
-        Recording::begin(&self.dir, info, self.side())
+        let sensors = sensors.iter().map(|&name| name.to_owned()).collect();
+        Recording::begin(&self.dir, info, sensors, self.side())
     }
 
     /// Goes on here with a recording of another dataset, whose place is gone or full: all of its steps are written anew.
     ///
     /// The other journal stays as it is.
     pub fn take_over(&self, other: &Recording) -> Result<Recording, DatasetError> {
-        let mut recording = self.begin(other.take.info.clone())?;
+        let sensors: Vec<_> = other.take.state.iter().map(String::as_str).collect();
+        let mut recording = self.begin_with(other.take.info.clone(), &sensors)?;
         match recording.take_over(other) {
             Ok(()) => Ok(recording),
             Err(e) => {
@@ -197,15 +278,16 @@ impl Dataset {
 
     /// Seals a recording and returns its number in the dataset.
     ///
-    /// `last_frame` is what was seen after the last action; `done` says whether the environment ended the episode.
+    /// `last_frame` is what was seen after the last action; `end` is why the environment ended the episode, if it did.
+    /// Where the episodes before it lack columns that it would have, as those of older versions do, it does without.
     /// Where the disk does not allow it, the episode stays in its journal, among the [`unfinished`](Self::unfinished).
     pub fn seal(
         &mut self,
         mut recording: Recording,
         last_frame: &Frame,
-        done: bool,
+        end: Option<End>,
     ) -> Result<usize, DatasetError> {
-        let finished = recording.finish(last_frame, done);
+        let finished = recording.finish(last_frame, end);
         let path = recording.path().to_path_buf();
         let take = &recording.take;
         finished.and_then(|()| self.seal_take(take, &path)).map_err(|met| {
@@ -243,10 +325,9 @@ impl Dataset {
             return Err(DatasetError::Empty { path: journal.to_path_buf() });
         }
         self.check_env(&take.info.env)?;
-        let number = self.next_number;
-        let first_index = self.episodes.last().map_or(0, |last| last.first_index + last.n_steps);
-        self.episodes.push(sealed::write(&self.dir, take, number, first_index)?);
-        self.next_number += 1;
+        let place = self.next_place();
+        let number = place.number;
+        self.episodes.push(sealed::write(&self.dir, take, place, self.episodes.first())?);
         if let Err(error) = meta::write(&self.dir, &self.episodes) {
             log::warn!(
                 "episode {number} is safe, but meta lags behind until the dataset is opened again: {error}"
@@ -257,6 +338,12 @@ impl Dataset {
         Ok(number)
     }
 
+    /// Where the next episode goes.
+    pub(super) fn next_place(&self) -> Place {
+        let first_index = self.episodes.last().map_or(0, |last| last.first_index + last.n_steps);
+        Place { number: self.episodes.len(), first_index }
+    }
+
     /// Lists the journals that hold something, and removes those that hold nothing or are sealed already.
     fn find_unfinished(&mut self, journals: &Path) -> Result<(), DatasetError> {
         let mut paths = disk::list(journals)?;
@@ -265,11 +352,12 @@ impl Dataset {
         for path in paths {
             let take = match journal::read(&path) {
                 Ok(take) => take,
-                Err(error) => {
-                    log::warn!("{error}");
-                    self.damaged.push(error);
+                Err(DatasetError::DamagedJournal { path }) => {
+                    let reason = "a journal of an unfinished episode whose beginning is damaged";
+                    self.set_aside(reason.to_owned(), &path)?;
                     continue;
                 }
+                Err(error) => return Err(error),
             };
             let is_sealed = self.episodes.iter().any(|notes| notes.recording == take.id);
             if take.rows.is_empty() || is_sealed {

@@ -1,12 +1,13 @@
 //! The folder `meta` of `LeRobotDataset` v3.0, derived from the episode files and never read back.
 
 use std::collections::BTreeMap;
-use std::path::Path;
+use std::fs;
+use std::path::{Path, PathBuf};
 
 use parquet::errors::Result;
 use serde_json::{Map, Value, json};
 
-use super::sealed::{CAR, CHUCKHOLE, IMAGE, Notes};
+use super::sealed::{ACTION, CAR, CHUCKHOLE, IMAGE, Notes, STATE, TERMINATED, TRUNCATED};
 use super::stats::Stats;
 use super::table::{Column, to_parquet};
 use super::{DatasetError, disk};
@@ -22,12 +23,44 @@ pub(super) fn write(dir: &Path, episodes: &[Notes]) -> std::result::Result<(), D
         disk::replace_if_other(&path, &bytes)
     };
     table("tasks.parquet", tasks(&task(first)))?;
-    table("episodes/chunk-000/file-000.parquet", episode_table(episodes))?;
+    table(EPISODES, episode_table(episodes))?;
     for (name, value) in [("stats.json", stats(episodes)), ("info.json", info(first, episodes))] {
         let json = serde_json::to_vec_pretty(&value).expect("text and numbers");
         disk::replace_if_other(&meta.join(name), &json)?;
     }
     Ok(())
+}
+
+/// The files that [`write`] writes, in the folder `meta`.
+const FILES: [&str; 4] = ["info.json", "stats.json", "tasks.parquet", EPISODES];
+/// The table of episodes.
+const EPISODES: &str = "episodes/chunk-000/file-000.parquet";
+
+/// Removes what was written, and the folders that are empty then.
+pub(super) fn remove(dir: &Path) -> std::result::Result<(), DatasetError> {
+    let meta = dir.join("meta");
+    for path in FILES.map(|name| meta.join(name)).iter().filter(|path| path.exists()) {
+        fs::remove_file(path).map_err(DatasetError::disk("remove the file", path))?;
+    }
+    for folder in ["episodes/chunk-000", "episodes", ""] {
+        // Where somebody put something of their own, the folder stays.
+        fs::remove_dir(meta.join(folder)).ok();
+    }
+    Ok(())
+}
+
+/// Files that others would take for parts of the index, and we did not write.
+pub(super) fn strays(dir: &Path) -> std::result::Result<Vec<PathBuf>, DatasetError> {
+    let meta = dir.join("meta");
+    let mut strays = Vec::new();
+    for chunk in disk::list(&meta.join("episodes"))?.into_iter().filter(|path| path.is_dir()) {
+        strays.extend(disk::list(&chunk)?);
+    }
+    let is_stray = |path: &PathBuf| {
+        path.extension().is_some_and(|extension| extension == "parquet") && *path != meta.join(EPISODES)
+    };
+    strays.retain(is_stray);
+    Ok(strays)
 }
 
 /// What the driver was asked to do, in the words of the dataset.
@@ -41,7 +74,7 @@ fn info(first: &Notes, episodes: &[Notes]) -> Value {
     let scalar = |dtype: &str| json!({"dtype": dtype, "shape": [1], "names": null});
     let mut features = json!({
         IMAGE: {"dtype": "image", "shape": [first.side, first.side, 3], "names": ["height", "width", "channels"]},
-        "action": {"dtype": "float32", "shape": [3], "names": ["steer", "gas", "brake"]},
+        ACTION: {"dtype": "float32", "shape": [3], "names": ["steer", "gas", "brake"]},
         "next.reward": scalar("float32"),
         "next.done": scalar("bool"),
         "next.grass": scalar("bool"),
@@ -52,10 +85,19 @@ fn info(first: &Notes, episodes: &[Notes]) -> Value {
         "index": scalar("int64"),
         "task_index": scalar("int64"),
     });
-    if first.has_obstacles() {
+    let columns = first.columns();
+    if columns.ends {
+        for name in [TERMINATED, TRUNCATED] {
+            features[name] = scalar("bool");
+        }
+    }
+    if columns.obstacles {
         for name in [CHUCKHOLE, CAR] {
             features[name] = scalar("bool");
         }
+    }
+    if !columns.state.is_empty() {
+        features[STATE] = json!({"dtype": "float32", "shape": [columns.state.len()], "names": columns.state});
     }
     json!({
         "codebase_version": "v3.0",

@@ -7,21 +7,28 @@
 //! meta/                             info.json, stats.json, tasks.parquet, episodes/chunk-000/file-000.parquet
 //! journal/                          episodes that are being driven, or were when the program was killed
 //! deleted/                          the episode that was deleted last, which can be brought back
+//! damaged/                          files that turned out to be damaged, out of everybody's way
 //! ```
 //!
-//! A row of `data` is a step: `observation.image` (a PNG, the frame *before* the action), `action` (steer, gas and
-//! brake as the environment took them), `next.reward`, `next.done`, `next.grass`, `timestamp` (seconds, the step's
-//! index over 50), `wall_time_ns` (nanoseconds since 1970 when the action was taken) and `LeRobot`'s indices.
+//! A row of `data` is a step: `observation.image` (a PNG, the frame *before* the action), `observation.state` (what the
+//! car measured then), `action` (steer, gas and brake as the environment took them), `next.reward`, `next.done` (the
+//! environment ended the episode), `next.terminated` and `next.truncated` (because the car had left the field, or because
+//! the time was up), `next.grass`, `timestamp` (seconds, the step's index over 50), `wall_time_ns` (nanoseconds since 1970
+//! when the action was taken) and `LeRobot`'s indices.
 //! Worlds with obstacles add `next.chuckhole` (a wheel is in one) and `next.car` (the hull touches another's).
 //! An episode of n steps has n + 1 frames, each stored once: the frame after the last action is no step and gets no
 //! row; it stands in the footer of the file, under the key `dropj.last_frame`, as a PNG in hexadecimal.
+//! `assets/format-datasets.md` tells all of it.
 //!
-//! The files of `data` say all there is to say; `meta` is derived from them and repaired when it lags behind.
+//! The files of `data` say all there is to say; `meta` is derived from them and made to agree whenever the dataset is opened
+//! for recording. A folder that is neither ours nor empty is not written to.
 
+mod belonging;
 mod disk;
 mod error;
 mod folder;
 mod journal;
+mod limits;
 mod meta;
 mod png;
 mod sealed;
@@ -30,9 +37,10 @@ mod stats;
 mod table;
 #[cfg(test)]
 mod tests;
+mod thrift;
 
 use std::ops::Range;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 
@@ -69,6 +77,8 @@ pub struct StepRecord {
     pub contacts: Option<Contacts>,
     /// When the action was taken, in nanoseconds since 1970.
     pub wall_time_ns: i64,
+    /// What the car measured before the action, as many numbers as [`Dataset::begin_with`] was given names.
+    pub state: Vec<f32>,
 }
 
 /// An episode as it was recorded: n steps.
@@ -92,8 +102,14 @@ pub struct Episode {
     pub contacts: Vec<Contacts>,
     /// When each action was taken, in nanoseconds since 1970: n.
     pub wall_times_ns: Vec<i64>,
+    /// The names of what the car measured; none in a world where it measures nothing, and before that was recorded.
+    pub state_names: Vec<String>,
+    /// What the car measured before each action: n, each as long as its names.
+    pub states: Vec<Vec<f32>>,
     /// Whether the environment ended it, and not the driver or a crash of the program.
     pub done: bool,
+    /// Whether the environment ended it because the time was up, and for nothing that happened.
+    pub truncated: bool,
     /// The steps that the planner drove, and not whoever is named as the pilot.
     pub planned: Vec<Range<usize>>,
 }
@@ -107,4 +123,14 @@ pub struct Unfinished {
     pub info: EpisodeInfo,
     /// How many whole steps the journal holds.
     pub n_steps: usize,
+}
+
+/// Reads an episode from the bytes of its file, which may be anything.
+pub fn read_episode(bytes: Vec<u8>) -> Result<Episode, DatasetError> {
+    sealed::parse(bytes, Path::new("")).and_then(sealed::episode)
+}
+
+/// Who drove where, and how many whole steps there are, in the bytes of a journal, which may be anything.
+pub fn read_journal(bytes: &[u8]) -> Option<(EpisodeInfo, usize)> {
+    journal::parse(bytes, String::new()).map(|(take, _)| (take.info, take.rows.len()))
 }

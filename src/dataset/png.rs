@@ -5,6 +5,7 @@ use std::io::Cursor;
 use image::codecs::png::{CompressionType, FilterType, PngDecoder, PngEncoder};
 use image::{ColorType, ExtendedColorType, ImageDecoder as _, ImageEncoder as _};
 
+use super::limits;
 use crate::env::Frame;
 
 /// A frame as a PNG file.
@@ -16,16 +17,30 @@ pub(super) fn encode(frame: &Frame) -> Vec<u8> {
     png
 }
 
-/// The frame that a PNG file shows, or why there is none.
-pub(super) fn decode(png: &[u8]) -> Result<Frame, String> {
-    let decoder = PngDecoder::new(Cursor::new(png)).map_err(|error| error.to_string())?;
-    let (width, height) = decoder.dimensions();
-    if width != height || decoder.color_type() != ColorType::Rgb8 {
-        return Err(format!("a frame of {width} x {height} {:?} is not square RGB", decoder.color_type()));
+/// Pixels a side of the square that a PNG file says it shows, which is of a sane size.
+pub(super) fn side(png: &[u8]) -> Result<u32, &'static str> {
+    // The signature, then the first chunk: length, "IHDR", width, height.
+    let size = png.get(16..24).filter(|_| png.starts_with(b"\x89PNG\r\n\x1a\n") && &png[12..16] == b"IHDR");
+    let (size, _) = size.ok_or("a frame is no PNG")?.as_chunks();
+    let [width, height] = [size[0], size[1]].map(u32::from_be_bytes);
+    let is_sane = width == height && (1..=limits::SIDE).contains(&width);
+    if is_sane { Ok(width) } else { Err("a frame is not square, or too large") }
+}
+
+/// The frame of `side` pixels a side that a PNG file shows, or why there is none.
+pub(super) fn decode(png: &[u8], side: u32) -> Result<Frame, String> {
+    // Before anything is allocated.
+    let met = self::side(png)?;
+    if met != side {
+        return Err(format!("a frame has {met} pixels a side, not {side}"));
     }
-    let mut rgb = vec![0; 3 * width as usize * height as usize];
+    let decoder = PngDecoder::new(Cursor::new(png)).map_err(|error| error.to_string())?;
+    if decoder.color_type() != ColorType::Rgb8 || decoder.dimensions() != (side, side) {
+        return Err(format!("a frame of {:?} is not RGB", decoder.color_type()));
+    }
+    let mut rgb = vec![0; 3 * side as usize * side as usize];
     decoder.read_image(&mut rgb).map_err(|error| error.to_string())?;
-    Ok(Frame::new(width, rgb))
+    Ok(Frame::new(side, rgb))
 }
 
 #[cfg(test)]
@@ -36,7 +51,7 @@ mod tests {
     fn a_frame_comes_back_bit_by_bit() {
         let rgb: Vec<u8> = (0..3 * 9 * 9).map(|byte| (byte * 37 % 251) as u8).collect();
         let frame = Frame::new(9, rgb);
-        assert_eq!(decode(&encode(&frame)), Ok(frame));
+        assert_eq!(decode(&encode(&frame), 9), Ok(frame));
     }
 
     #[test]
@@ -44,6 +59,17 @@ mod tests {
         let mut png = encode(&Frame::new(8, vec![7; 3 * 64]));
         let middle = png.len() - 20;
         png[middle] ^= 1;
-        assert!(decode(&png).is_err(), "the checksum of a chunk covers it");
+        assert!(decode(&png, 8).is_err(), "the checksum of a chunk covers it");
+    }
+
+    #[test]
+    fn a_frame_that_claims_to_be_huge_or_of_another_size_is_refused_before_it_is_read() {
+        let mut png = encode(&Frame::new(8, vec![7; 3 * 64]));
+        assert!(decode(&png, 9).is_err(), "of another size");
+        for at in [16, 20] {
+            png[at..at + 4].copy_from_slice(&60_000_u32.to_be_bytes());
+        }
+        assert!(side(&png).is_err() && decode(&png, 60_000).is_err(), "10 GB");
+        assert!(side(b"\x89PNG").is_err() && side(b"").is_err(), "cut");
     }
 }

@@ -4,7 +4,7 @@
 //! and the column statistics, so that the folder `meta` can be rebuilt from these files alone.
 
 use std::collections::BTreeMap;
-use std::fs::File;
+use std::fs::{self, File};
 use std::path::{Path, PathBuf};
 
 use parquet::data_type::{BoolType, ByteArray, ByteArrayType, FloatType, Int64Type};
@@ -12,23 +12,30 @@ use serde::{Deserialize, Serialize};
 
 use super::journal::{Row, Take, TakeEnd};
 use super::stats::Stats;
-use super::table::{Column, Table, to_parquet};
-use super::{DatasetError, Episode, EpisodeInfo, disk, png};
-use crate::env::{Action, Contacts, Frame, STEPS_PER_SEC};
+use super::table::{Column, Fault, Footer, Table, to_parquet};
+use super::{DatasetError, Episode, EpisodeInfo, disk, limits, png};
+use crate::env::{Action, Contacts, Frame, MAX_STEPS, STEPS_PER_SEC};
 
-/// The format of the notes.
-const FORMAT: u32 = 1;
+/// The format of the notes. Those of 1 knew neither the car's state nor why an episode ended.
+const FORMAT: u32 = 2;
 /// The key of the notes in the footer.
 const NOTES: &str = "dropj";
 /// The key of the last frame in the footer: a PNG in hexadecimal.
 const LAST_FRAME: &str = "dropj.last_frame";
 /// At most so many frames of an episode are looked at for its statistics.
 const N_SAMPLED_FRAMES: usize = 100;
+/// The column of actions.
+pub(super) const ACTION: &str = "action";
 /// The columns that only worlds with obstacles have.
 pub(super) const CHUCKHOLE: &str = "next.chuckhole";
 pub(super) const CAR: &str = "next.car";
 /// The column of frames.
 pub(super) const IMAGE: &str = "observation.image";
+/// The column of what the car measured, in worlds where it measures something.
+pub(super) const STATE: &str = "observation.state";
+/// The columns that tell the two ends apart that an environment gives an episode.
+pub(super) const TERMINATED: &str = "next.terminated";
+pub(super) const TRUNCATED: &str = "next.truncated";
 
 /// What the footer of an episode file says.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -41,7 +48,7 @@ pub(super) struct Notes {
     pub(super) info: EpisodeInfo,
     /// The journal that it was sealed from.
     pub(super) recording: String,
-    /// Its number, which its file name gives as well.
+    /// Its number in the dataset.
     pub(super) number: usize,
     /// How many steps the episodes before it have.
     pub(super) first_index: usize,
@@ -51,56 +58,163 @@ pub(super) struct Notes {
     pub(super) side: u32,
     /// Whether the environment ended it.
     pub(super) done: bool,
+    /// Whether it did so because the time was up.
+    #[serde(default)]
+    pub(super) truncated: bool,
+    /// The names of what the car measured.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub(super) state: Vec<String>,
     /// The steps that the planner drove, from the first to before the last of each stretch.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub(super) planned: Vec<[usize; 2]>,
     /// The statistics of each column.
     pub(super) stats: BTreeMap<String, Stats>,
+    /// The file that says so.
+    #[serde(skip)]
+    pub(super) path: PathBuf,
 }
 
 impl Notes {
-    /// Whether contacts with obstacles were recorded.
-    pub(super) fn has_obstacles(&self) -> bool {
-        self.stats.contains_key(CHUCKHOLE)
+    /// Which columns it has.
+    pub(super) fn columns(&self) -> Columns {
+        Columns {
+            state: self.state.clone(),
+            ends: self.stats.contains_key(TRUNCATED),
+            obstacles: self.stats.contains_key(CHUCKHOLE) || self.stats.contains_key(CAR),
+        }
+    }
+
+    /// Whether it has this place in the dataset, in its name and in its columns.
+    pub(super) fn is_at(&self, dir: &Path, number: usize, first_index: usize) -> bool {
+        (self.number, self.first_index) == (number, first_index)
+            && self.path == disk::episode_path(dir, number)
     }
 }
 
-/// Seals a take as episode `number` of the dataset at `dir`.
+/// The columns that not every dataset has; all episodes of one have the same.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) struct Columns {
+    /// The names of what the car measured; none, no column.
+    pub(super) state: Vec<String>,
+    /// Whether it is told why episodes ended. Before format 2 it was not.
+    pub(super) ends: bool,
+    /// Whether contacts with obstacles were recorded.
+    pub(super) obstacles: bool,
+}
+
+impl Columns {
+    /// Those that a take can fill.
+    fn of(take: &Take) -> Self {
+        let obstacles = take.rows.iter().all(|row| row.contacts.is_some());
+        Self { state: take.state.clone(), ends: true, obstacles }
+    }
+
+    /// The names of all columns.
+    pub(super) fn names(&self) -> Vec<&'static str> {
+        let mut names = vec![
+            IMAGE,
+            ACTION,
+            "next.reward",
+            "next.done",
+            "next.grass",
+            "wall_time_ns",
+            "timestamp",
+            "frame_index",
+            "episode_index",
+            "index",
+            "task_index",
+        ];
+        let optional = [
+            (!self.state.is_empty(), [STATE].as_slice()),
+            (self.ends, &[TERMINATED, TRUNCATED]),
+            (self.obstacles, &[CHUCKHOLE, CAR]),
+        ];
+        names.extend(optional.into_iter().filter(|(is_there, _)| *is_there).flat_map(|(_, names)| names));
+        names
+    }
+}
+
+/// Where an episode stands among others.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Place {
+    pub(super) number: usize,
+    pub(super) first_index: usize,
+}
+
+/// Whether two episodes can be in one dataset: of one world, in one size, with the same columns.
+pub(super) fn require_alike(one: &Notes, other: &Notes) -> Result<(), DatasetError> {
+    let differing = [
+        (one.info.env != other.info.env)
+            .then(|| [one, other].map(|notes| format!("is of the world {:?}", notes.info.env))),
+        (one.side != other.side)
+            .then(|| [one, other].map(|notes| format!("has frames of {} pixels a side", notes.side))),
+        (one.columns() != other.columns()).then(|| {
+            let [one, other] = [one, other].map(Notes::columns);
+            let told = |columns: &Columns, than: &Columns| {
+                let more: Vec<_> =
+                    columns.names().into_iter().filter(|name| !than.names().contains(name)).collect();
+                match more[..] {
+                    [] if columns.state != than.state => format!("measures {:?}", columns.state),
+                    [] => "has no more columns".to_owned(),
+                    _ => format!("has the columns {}", more.join(", ")),
+                }
+            };
+            [told(&one, &other), told(&other, &one)]
+        }),
+    ];
+    match differing.into_iter().flatten().next() {
+        None => Ok(()),
+        Some([first, second]) => Err(DatasetError::Mixed {
+            one: first,
+            other: second,
+            path: one.path.clone(),
+            other_path: other.path.clone(),
+        }),
+    }
+}
+
+/// Seals a take in the dataset at `dir`, whose first episode is `first`: the columns that this lacks are left out.
 pub(super) fn write(
     dir: &Path,
     take: &Take,
-    number: usize,
-    first_index: usize,
+    place: Place,
+    first: Option<&Notes>,
 ) -> Result<Notes, DatasetError> {
-    write_as(dir, take, number, first_index, env!("CARGO_PKG_VERSION").into())
+    let there = Columns::of(take);
+    let columns = first.map_or_else(|| there.clone(), Notes::columns);
+    let lacks_state = !columns.state.is_empty() && columns.state != there.state;
+    if lacks_state || columns.obstacles != there.obstacles {
+        let (tried, met) = (there.names().join(", "), columns.names().join(", "));
+        return Err(DatasetError::OtherColumns { tried, met, path: dir.to_path_buf() });
+    }
+    if let (Some(first), Ok(side)) = (first, side(take))
+        && first.side != side
+    {
+        return Err(DatasetError::OtherSide { tried: side, met: first.side, path: dir.to_path_buf() });
+    }
+    write_as(dir, take, place, &columns, env!("CARGO_PKG_VERSION").into())
 }
 
-/// Writes episode `old`, which is in the file `path`, as episode `number` of the dataset at `dir`; `path` stays.
-pub(super) fn move_to(
-    dir: &Path,
-    path: PathBuf,
-    old: usize,
-    number: usize,
-    first_index: usize,
-) -> Result<Notes, DatasetError> {
-    let sealed = Sealed::open(path, old)?;
-    let take = sealed.take().map_err(|reason| DatasetError::damaged(reason, &sealed.path))?;
-    write_as(dir, &take, number, first_index, sealed.notes.app)
+/// Writes the episode of `old`'s file at another place of the dataset at `dir`; the file stays.
+pub(super) fn move_to(dir: &Path, old: &Notes, place: Place) -> Result<Notes, DatasetError> {
+    let (notes, take) = read(&old.path)?;
+    write_as(dir, &take, place, &notes.columns(), notes.app)
 }
 
 /// Seals a take that the version `app` recorded.
 fn write_as(
     dir: &Path,
     take: &Take,
-    number: usize,
-    first_index: usize,
+    place: Place,
+    columns: &Columns,
     app: String,
 ) -> Result<Notes, DatasetError> {
+    let Place { number, first_index } = place;
     let path = disk::episode_path(dir, number);
     let damaged = |reason: String| DatasetError::damaged(reason, &path);
-    let n_steps = take.rows.len();
-    let side = png::decode(&take.rows[0].png).map_err(damaged)?.side();
-    let mut columns = columns(take, number, first_index);
+    let side = side(take).map_err(damaged)?;
+    let mut cells = cells(take, place, columns);
+    let ends = take.end.as_ref();
     let notes = Notes {
         format: FORMAT,
         app,
@@ -108,21 +222,36 @@ fn write_as(
         recording: take.id.clone(),
         number,
         first_index,
-        n_steps,
+        n_steps: take.rows.len(),
         side,
-        done: take.end.as_ref().is_some_and(|end| end.done),
+        done: ends.is_some_and(|end| end.done),
+        truncated: ends.is_some_and(|end| end.truncated),
+        state: columns.state.clone(),
         planned: planned(&take.rows),
-        stats: statistics(&columns, &take.rows).map_err(damaged)?,
+        stats: statistics(&cells, &take.rows, side).map_err(damaged)?,
+        path: path.clone(),
     };
+    // What is written can be read.
+    limits::check_notes(&notes, take.rows.len() as i64).map_err(damaged)?;
     let images = take.rows.iter().map(|row| ByteArray::from(row.png.clone())).collect();
-    columns.insert(0, (IMAGE.into(), Column::Images(images)));
+    cells.insert(0, (IMAGE.into(), Column::Images(images)));
     let mut footer = vec![(NOTES.into(), serde_json::to_string(&notes).expect("text and finite numbers"))];
     if let Some(end) = &take.end {
         footer.push((LAST_FRAME.into(), to_hex(&end.png)));
     }
-    let bytes = to_parquet(columns, footer).map_err(|error| damaged(error.to_string()))?;
+    let bytes = to_parquet(cells, footer).map_err(|error| damaged(error.to_string()))?;
     disk::replace(&path, &bytes)?;
     Ok(notes)
+}
+
+/// Pixels a side of all frames of a take.
+fn side(take: &Take) -> Result<u32, String> {
+    let mut pngs = take.rows.iter().map(|row| &row.png).chain(take.end.iter().map(|end| &end.png));
+    let side = pngs.next().ok_or("it has no step").and_then(|png| png::side(png))?;
+    match pngs.find(|png| png::side(png) != Ok(side)) {
+        Some(_) => Err("its frames are of different sizes".to_owned()),
+        None => Ok(side),
+    }
 }
 
 /// The stretches that the planner drove.
@@ -136,18 +265,21 @@ fn planned(rows: &[Row]) -> Vec<[usize; 2]> {
 }
 
 /// All columns but the frames.
-fn columns(take: &Take, number: usize, first_index: usize) -> Vec<(String, Column)> {
+fn cells(take: &Take, place: Place, columns: &Columns) -> Vec<(String, Column)> {
+    let Place { number, first_index } = place;
     let rows = &take.rows;
     let n = rows.len();
-    let done = take.end.as_ref().is_some_and(|end| end.done);
+    let end = take.end.as_ref();
+    let (done, truncated) = end.map_or((false, false), |end| (end.done, end.truncated));
+    let at_end = |is: bool| Column::Bools((1..=n).map(|step| is && step == n).collect());
     let contacts: Vec<Contacts> = rows.iter().filter_map(|row| row.contacts).collect();
-    let mut columns = vec![
+    let mut cells = vec![
         (
-            "action",
+            ACTION,
             Column::FloatLists(Action::LEN, rows.iter().flat_map(|row| row.action.to_array()).collect()),
         ),
         ("next.reward", Column::Floats(rows.iter().map(|row| row.reward).collect())),
-        ("next.done", Column::Bools((1..=n).map(|step| done && step == n).collect())),
+        ("next.done", at_end(done)),
         ("next.grass", Column::Bools(rows.iter().map(|row| row.grass).collect())),
         ("wall_time_ns", Column::Ints(rows.iter().map(|row| row.wall_time_ns).collect())),
         ("timestamp", Column::Floats((0..n).map(|step| step as f32 / STEPS_PER_SEC as f32).collect())),
@@ -156,15 +288,30 @@ fn columns(take: &Take, number: usize, first_index: usize) -> Vec<(String, Colum
         ("index", Column::Ints((first_index..first_index + n).map(|index| index as i64).collect())),
         ("task_index", Column::Ints(vec![0; n])),
     ];
-    if contacts.len() == n {
-        columns.push((CHUCKHOLE, Column::Bools(contacts.iter().map(|touched| touched.chuckhole).collect())));
-        columns.push((CAR, Column::Bools(contacts.iter().map(|touched| touched.car).collect())));
+    if columns.ends {
+        cells.push((TERMINATED, at_end(done && !truncated)));
+        cells.push((TRUNCATED, at_end(truncated)));
     }
-    columns.into_iter().map(|(name, column)| (name.into(), column)).collect()
+    if columns.obstacles {
+        cells.push((CHUCKHOLE, Column::Bools(contacts.iter().map(|touched| touched.chuckhole).collect())));
+        cells.push((CAR, Column::Bools(contacts.iter().map(|touched| touched.car).collect())));
+    }
+    let state = || rows.iter().flat_map(|row| &row.state).copied().collect();
+    match columns.state.len() {
+        0 => {}
+        // As LeRobot has a feature of one number.
+        1 => cells.push((STATE, Column::Floats(state()))),
+        width => cells.push((STATE, Column::FloatLists(width, state()))),
+    }
+    cells.into_iter().map(|(name, column)| (name.into(), column)).collect()
 }
 
 /// The statistics of every column; of the frames, some only, as `LeRobot` has it.
-fn statistics(columns: &[(String, Column)], rows: &[Row]) -> Result<BTreeMap<String, Stats>, String> {
+fn statistics(
+    columns: &[(String, Column)],
+    rows: &[Row],
+    side: u32,
+) -> Result<BTreeMap<String, Stats>, String> {
     let mut stats = BTreeMap::new();
     for (name, column) in columns {
         let (width, values): (usize, Vec<f64>) = match column {
@@ -181,124 +328,175 @@ fn statistics(columns: &[(String, Column)], rows: &[Row]) -> Result<BTreeMap<Str
     let n_samples = rows.len().min(N_SAMPLED_FRAMES);
     let mut pixels = Vec::new();
     for sample in 0..n_samples {
-        let frame = png::decode(&rows[sample * rows.len() / n_samples].png)?;
+        let frame = png::decode(&rows[sample * rows.len() / n_samples].png, side)?;
         pixels.extend(frame.rgb().iter().map(|&byte| f64::from(byte) / 255.0));
     }
     stats.insert(IMAGE.into(), Stats::of(3, &pixels, n_samples));
     Ok(stats)
 }
 
-/// An episode file whose footer has been read.
-pub(super) struct Sealed {
-    table: Table,
-    path: PathBuf,
-    pub(super) notes: Notes,
+/// Reads what the footer of an episode file says.
+pub(super) fn open(path: &Path) -> Result<Notes, DatasetError> {
+    let footer = File::open(path).map_err(Fault::Disk).and_then(|mut file| Footer::read(&mut file));
+    let footer = footer.map_err(|fault| faulty(fault, path))?;
+    signed_notes(&footer, path)
 }
 
-impl Sealed {
-    /// Opens the file of episode `number`.
-    pub(super) fn open(path: PathBuf, number: usize) -> Result<Self, DatasetError> {
-        let sealed = Self::open_anywhere(path)?;
-        if sealed.notes.number != number {
-            let reason = format!("it says it is episode {}", sealed.notes.number);
-            return Err(DatasetError::damaged(reason, &sealed.path));
-        }
-        Ok(sealed)
+/// Reads all of an episode file, its frames as they are stored.
+pub(super) fn read(path: &Path) -> Result<(Notes, Take), DatasetError> {
+    let failed = DatasetError::disk("read the episode", path);
+    let n_bytes = match fs::metadata(path) {
+        Ok(met) => met.len(),
+        Err(met) => return Err(failed(met)),
+    };
+    if n_bytes > limits::FILE_BYTES {
+        return Err(DatasetError::damaged(format!("it has {n_bytes} bytes"), path));
     }
+    parse(fs::read(path).map_err(failed)?, path)
+}
 
-    /// Opens the file of an episode, whatever its number.
-    pub(super) fn open_anywhere(path: PathBuf) -> Result<Self, DatasetError> {
-        let file = File::open(&path).map_err(DatasetError::disk("open the episode", &path))?;
-        let table = Table::new(file).map_err(|error| DatasetError::damaged(error.to_string(), &path))?;
-        let notes = table.note(NOTES).ok_or_else(|| DatasetError::damaged("not recorded by dropj", &path))?;
-        let notes: Notes =
-            serde_json::from_str(notes).map_err(|error| DatasetError::damaged(error.to_string(), &path))?;
-        if notes.format != FORMAT {
-            let reason = format!("its format is {}, not {FORMAT}", notes.format);
-            return Err(DatasetError::damaged(reason, &path));
-        }
-        if notes.n_steps != table.n_rows() || notes.n_steps == 0 {
-            let reason = format!("it says it has {} steps", notes.n_steps);
-            return Err(DatasetError::damaged(reason, &path));
-        }
-        Ok(Self { table, path, notes })
+/// The same of a file's bytes; `path` is only told.
+pub(super) fn parse(bytes: Vec<u8>, path: &Path) -> Result<(Notes, Take), DatasetError> {
+    // What was not written by us has no checksum of ours, and is not torn.
+    let footer = Footer::read(&mut std::io::Cursor::new(&bytes)).map_err(|fault| faulty(fault, path))?;
+    let notes = signed_notes(&footer, path)?;
+    let table = Table::new(bytes).map_err(|fault| faulty(fault, path))?;
+    let take = take(&table, &notes).map_err(|reason| DatasetError::damaged(reason, path))?;
+    Ok((notes, take))
+}
+
+/// The notes in a footer that has a checksum where its format asks for one.
+fn signed_notes(footer: &Footer, path: &Path) -> Result<Notes, DatasetError> {
+    let notes = notes(footer, path);
+    let notes = notes.map_err(|reason| DatasetError::NotOurs { reason, path: path.to_path_buf() })?;
+    if notes.format >= 2 && !footer.is_signed() {
+        return Err(DatasetError::damaged("its footer has lost its checksum", path));
     }
+    Ok(notes)
+}
 
-    /// Reads all of it.
-    pub(super) fn read(self) -> Result<Episode, DatasetError> {
-        self.read_columns().map_err(|reason| DatasetError::damaged(reason, &self.path))
+fn faulty(fault: Fault, path: &Path) -> DatasetError {
+    match fault {
+        Fault::Disk(met) => DatasetError::disk("read the episode", path)(met),
+        Fault::Torn(reason) => DatasetError::damaged(reason, path),
     }
+}
 
-    fn read_columns(&self) -> Result<Episode, String> {
-        let Take { rows, end, .. } = self.take()?;
-        let pngs = rows.iter().map(|row| &row.png).chain(end.iter().map(|end| &end.png));
-        let frames = pngs.map(|png| png::decode(png)).collect::<Result<Vec<Frame>, _>>()?;
-        if let Some(frame) = frames.iter().find(|frame| frame.side() != self.notes.side) {
-            return Err(format!("a frame has {} pixels a side, not {}", frame.side(), self.notes.side));
-        }
-        let Notes { number, info, done, planned, .. } = self.notes.clone();
-        Ok(Episode {
-            number,
-            info,
-            frames,
-            actions: rows.iter().map(|row| row.action).collect(),
-            rewards: rows.iter().map(|row| row.reward).collect(),
-            grass: rows.iter().map(|row| row.grass).collect(),
-            contacts: rows.iter().filter_map(|row| row.contacts).collect(),
-            wall_times_ns: rows.iter().map(|row| row.wall_time_ns).collect(),
-            done,
-            planned: planned.into_iter().map(|[from, to]| from..to).collect(),
-        })
-    }
+/// What every version's notes have.
+#[derive(Deserialize)]
+struct Format {
+    format: u32,
+}
 
-    /// Reads all of it, its frames as they are stored.
-    fn take(&self) -> Result<Take, String> {
-        let met = |error: parquet::errors::ParquetError| error.to_string();
-        let n = self.notes.n_steps;
-        // A decoder that trusts its input must not see a damaged page.
-        if !self.table.is_intact().map_err(|error| error.to_string())? {
-            return Err("its content does not match its checksum".into());
-        }
-        let pngs = self.table.read::<ByteArrayType>(&[IMAGE, "bytes"]).map_err(met)?;
-        let actions = self.table.read::<FloatType>(&["action", "list", "element"]).map_err(met)?;
-        let rewards = self.table.read::<FloatType>(&["next.reward"]).map_err(met)?;
-        let grass = self.table.read::<BoolType>(&["next.grass"]).map_err(met)?;
-        let wall_times_ns = self.table.read::<Int64Type>(&["wall_time_ns"]).map_err(met)?;
-        let contacts = self.contacts().map_err(met)?;
-        let lens = [pngs.len(), actions.len() / Action::LEN, rewards.len(), grass.len(), wall_times_ns.len()];
-        if lens != [n; 5] {
-            return Err(format!("{n} steps have columns of {lens:?}"));
-        }
-        let (actions, _): (&[[f32; Action::LEN]], _) = actions.as_chunks();
-        let is_planned = |t: usize| self.notes.planned.iter().any(|&[from, to]| (from..to).contains(&t));
-        let rows = pngs.into_iter().enumerate().map(|(t, png)| {
-            let [steer, gas, brake] = actions[t];
-            Row {
-                png: png.data().to_vec(),
-                action: Action { steer, gas, brake },
-                reward: rewards[t],
-                grass: grass[t],
-                contacts: contacts.get(t).copied(),
-                wall_time_ns: wall_times_ns[t],
-                planned: is_planned(t),
-            }
+/// The notes in a footer, all within their limits, or what the file is instead of an episode of ours.
+fn notes(footer: &Footer, path: &Path) -> Result<Notes, String> {
+    let by = footer.created_by();
+    let Some(json) = footer.note(NOTES) else {
+        // LeRobot's tools write the columns anew, and leave the notes out.
+        let was_ours = ["wall_time_ns", "next.grass"].into_iter().any(|name| footer.has_column(name));
+        return Err(if was_ours {
+            format!(
+                "recorded by dropj, but rewritten by {by}, which left out who drove, how it ended and the last frame"
+            )
+        } else {
+            format!("not recorded by dropj, but written by {by}")
         });
-        let rows = rows.collect();
-        let last =
-            self.table.note(LAST_FRAME).map(|hex| from_hex(hex).ok_or("its last frame is not hexadecimal"));
-        let end = last.transpose()?.map(|png| TakeEnd { png, done: self.notes.done });
-        Ok(Take { id: self.notes.recording.clone(), info: self.notes.info.clone(), rows, end })
+    };
+    if !footer.is_ours() {
+        return Err(format!("recorded by dropj, but rewritten by {by}"));
     }
+    let odd = |met: String| format!("one that cannot be understood: {met}");
+    let parse = |met: serde_json::Error| odd(met.to_string());
+    let Format { format } = serde_json::from_str(json).map_err(parse)?;
+    if !(1..=FORMAT).contains(&format) {
+        return Err(format!("of format {format}, and this version knows those up to {FORMAT}"));
+    }
+    let mut notes: Notes = serde_json::from_str(json).map_err(parse)?;
+    limits::check_notes(&notes, footer.n_rows()).map_err(odd)?;
+    // Before format 2 nobody said so.
+    notes.truncated |= format < 2 && notes.done && notes.n_steps >= MAX_STEPS;
+    notes.path = path.to_path_buf();
+    Ok(notes)
+}
 
-    /// What was touched, where the world has obstacles.
-    fn contacts(&self) -> parquet::errors::Result<Vec<Contacts>> {
-        if !self.notes.has_obstacles() {
-            return Ok(Vec::new());
-        }
-        let chuckholes = self.table.read::<BoolType>(&[CHUCKHOLE])?;
-        let cars = self.table.read::<BoolType>(&[CAR])?;
-        Ok(chuckholes.into_iter().zip(cars).map(|(chuckhole, car)| Contacts { chuckhole, car }).collect())
+/// An episode as it was recorded.
+pub(super) fn episode((notes, take): (Notes, Take)) -> Result<Episode, DatasetError> {
+    let Notes { number, info, side, done, truncated, planned, state, path, .. } = notes;
+    let Take { rows, end, .. } = take;
+    let pngs = rows.iter().map(|row| &row.png).chain(end.iter().map(|end| &end.png));
+    let frames = pngs.map(|png| png::decode(png, side)).collect::<Result<Vec<Frame>, _>>();
+    Ok(Episode {
+        number,
+        info,
+        frames: frames.map_err(|reason| DatasetError::damaged(reason, &path))?,
+        actions: rows.iter().map(|row| row.action).collect(),
+        rewards: rows.iter().map(|row| row.reward).collect(),
+        grass: rows.iter().map(|row| row.grass).collect(),
+        contacts: rows.iter().filter_map(|row| row.contacts).collect(),
+        wall_times_ns: rows.iter().map(|row| row.wall_time_ns).collect(),
+        state_names: state,
+        states: rows.into_iter().map(|row| row.state).collect(),
+        done,
+        truncated,
+        planned: planned.into_iter().map(|[from, to]| from..to).collect(),
+    })
+}
+
+/// The steps in a table, all numbers finite.
+fn take(table: &Table, notes: &Notes) -> Result<Take, String> {
+    let met = |error: parquet::errors::ParquetError| error.to_string();
+    let n = notes.n_steps;
+    let pngs = table.read::<ByteArrayType>(&[IMAGE, "bytes"], 1).map_err(met)?;
+    let actions = table.read::<FloatType>(&[ACTION, "list", "element"], Action::LEN).map_err(met)?;
+    let rewards = table.read::<FloatType>(&["next.reward"], 1).map_err(met)?;
+    let grass = table.read::<BoolType>(&["next.grass"], 1).map_err(met)?;
+    let wall_times_ns = table.read::<Int64Type>(&["wall_time_ns"], 1).map_err(met)?;
+    let contacts = contacts(table, notes).map_err(met)?;
+    let width = notes.state.len();
+    let states = match width {
+        0 => Vec::new(),
+        1 => table.read::<FloatType>(&[STATE], 1).map_err(met)?,
+        _ => table.read::<FloatType>(&[STATE, "list", "element"], width).map_err(met)?,
+    };
+    let lens = [pngs.len(), actions.len() / Action::LEN, rewards.len(), grass.len(), wall_times_ns.len()];
+    if lens != [n; 5] {
+        return Err(format!("{n} steps have columns of {lens:?}"));
     }
+    if !actions.iter().chain(&rewards).chain(&states).all(|number| number.is_finite()) {
+        return Err("a number in it is not finite".to_owned());
+    }
+    let (actions, _): (&[[f32; Action::LEN]], _) = actions.as_chunks();
+    let is_planned = |t: usize| notes.planned.iter().any(|&[from, to]| (from..to).contains(&t));
+    let rows = pngs.into_iter().enumerate().map(|(t, png)| {
+        let [steer, gas, brake] = actions[t];
+        Row {
+            png: png.data().to_vec(),
+            action: Action { steer, gas, brake },
+            reward: rewards[t],
+            grass: grass[t],
+            contacts: contacts.get(t).copied(),
+            wall_time_ns: wall_times_ns[t],
+            planned: is_planned(t),
+            state: states[t * width..(t + 1) * width].to_vec(),
+        }
+    });
+    let rows = rows.collect();
+    let last =
+        table.footer.note(LAST_FRAME).map(|hex| from_hex(hex).ok_or("its last frame is not hexadecimal"));
+    let Notes { done, truncated, .. } = *notes;
+    let end = last.transpose()?.map(|png| TakeEnd { png, done, truncated });
+    let (id, info, state) = (notes.recording.clone(), notes.info.clone(), notes.state.clone());
+    Ok(Take { id, info, state, rows, end })
+}
+
+/// What was touched, where the world has obstacles.
+fn contacts(table: &Table, notes: &Notes) -> parquet::errors::Result<Vec<Contacts>> {
+    if !notes.columns().obstacles {
+        return Ok(Vec::new());
+    }
+    let chuckholes = table.read::<BoolType>(&[CHUCKHOLE], 1)?;
+    let cars = table.read::<BoolType>(&[CAR], 1)?;
+    Ok(chuckholes.into_iter().zip(cars).map(|(chuckhole, car)| Contacts { chuckhole, car }).collect())
 }
 
 /// Bytes in hexadecimal, as notes are text.

@@ -1,7 +1,8 @@
 //! What is known of a dataset's episodes without reading them, and taking episodes out of it.
 //!
-//! `LeRobot` finds an episode by its place, so that numbers and steps have to count on without a gap. Deleting therefore
-//! moves the file away in one step, and then every later episode one place down, one file at a time:
+//! `LeRobot` finds an episode by its place, so that numbers and steps have to count on without a gap. Wherever they do not,
+//! for an episode was deleted, or files were moved out of the folder, renamed or put into it, every later episode is
+//! written at its place anew, one file at a time:
 //!
 //! ```text
 //! journal/renumbering            there as long as this lasts
@@ -11,15 +12,16 @@
 //! Whenever the program is killed, opening the dataset for recording finishes what was begun. An episode that is brought
 //! back comes after all others.
 
+use std::collections::HashMap;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use super::sealed::{self, Notes, Sealed};
+use super::sealed::{self, Notes, Place};
 use super::{Dataset, DatasetError, EpisodeInfo, disk, meta};
 use crate::run::sync_folder;
 
 /// Where the episode that was deleted last stays.
-const DELETED: &str = "deleted";
+pub(super) const DELETED: &str = "deleted";
 /// What lies in `journal` while episodes change their places.
 const RENUMBERING: &str = "renumbering";
 
@@ -74,9 +76,7 @@ impl Dataset {
 
     /// The episode that was deleted last, if it can be brought back.
     pub fn deleted(&self) -> Option<Summary> {
-        deleted(&self.dir)
-            .map(|(_, notes)| Summary::of(&notes))
-            .filter(|it| self.find(&it.recording).is_none())
+        deleted(&self.dir).map(|notes| Summary::of(&notes)).filter(|it| self.find(&it.recording).is_none())
     }
 
     /// Whether a program was killed while it deleted something here; opening it for recording repairs that.
@@ -89,87 +89,104 @@ impl Dataset {
     /// After an error opening the dataset anew shows whether it is still there, and finishes what was begun.
     pub fn delete(&mut self, idx: usize) -> Result<(), DatasetError> {
         self.require_lock()?;
-        let (number, recording) = (self.episodes[idx].number, self.episodes[idx].recording.clone());
-        let from = disk::episode_path(&self.dir, number);
+        let Notes { recording, path: from, .. } = &self.episodes[idx];
         let to = self.dir.join(DELETED).join(format!("{recording}.parquet"));
         disk::make_folder(&self.dir.join(DELETED))?;
-        for old in disk::list(&self.dir.join(DELETED))? {
-            remove(&old)?;
+        while let Some(old) = deleted(&self.dir) {
+            remove(&old.path)?;
         }
         disk::replace(&renumbering(&self.dir), b"")?;
         // From here on it is deleted.
-        fs::rename(&from, &to).map_err(DatasetError::disk("move the episode away", &from))?;
-        for path in [&from, &to] {
+        fs::rename(from, &to).map_err(DatasetError::disk("move the episode away", from))?;
+        for path in [from, &to] {
             sync_folder(path).map_err(DatasetError::disk("move the episode away", path))?;
         }
         self.episodes.remove(idx);
-        self.close_gaps()
+        self.put_in_order()
     }
 
     /// Puts the episode `recording` after all others, if it is the one that was deleted last, and returns its number there.
     pub fn bring_back(&mut self, recording: &str) -> Result<usize, DatasetError> {
         self.require_lock()?;
         let is_wanted = |it: &Notes| it.recording == recording && self.find(recording).is_none();
-        let Some((path, notes)) = deleted(&self.dir).filter(|(_, it)| is_wanted(it)) else {
+        let Some(notes) = deleted(&self.dir).filter(is_wanted) else {
             return Err(DatasetError::NothingDeleted { path: self.dir.clone() });
         };
-        let number = self.next_number;
-        let first_index = self.episodes.last().map_or(0, |last| last.first_index + last.n_steps);
-        self.episodes.push(sealed::move_to(&self.dir, path.clone(), notes.number, number, first_index)?);
-        self.next_number += 1;
+        if let Some(first) = self.episodes.first() {
+            sealed::require_alike(first, &notes)?;
+        }
+        let place = self.next_place();
+        self.episodes.push(sealed::move_to(&self.dir, &notes, place)?);
         meta::write(&self.dir, &self.episodes)?;
         // Left behind it is known for what it is: an episode that is in the dataset.
-        remove(&path)?;
-        Ok(number)
-    }
-
-    /// Finishes what a killed program began, where it was deleting.
-    pub(super) fn repair(&mut self) -> Result<(), DatasetError> {
-        if Self::is_torn(&self.dir) { self.close_gaps() } else { Ok(()) }
+        remove(&notes.path)?;
+        Ok(place.number)
     }
 
     /// Lets the numbers and steps of the episodes count on without a gap, and `meta` say so.
     ///
-    /// Damaged files keep their places, for nobody knows what is in them.
-    fn close_gaps(&mut self) -> Result<(), DatasetError> {
-        let (mut number, mut first_index) = (0, 0);
-        for idx in 0..self.episodes.len() {
-            while self.damaged_numbers.contains(&number) {
-                number += 1;
-            }
-            let notes = &self.episodes[idx];
-            if (notes.number, notes.first_index) != (number, first_index) {
-                let (old, path) = (notes.number, disk::episode_path(&self.dir, notes.number));
-                self.episodes[idx] = sealed::move_to(&self.dir, path.clone(), old, number, first_index)?;
-                if old != number {
-                    remove(&path)?;
+    /// A place is free when an episode comes to it: those before it have moved already, those after it are further up.
+    /// An episode that turns out to be damaged is moved aside.
+    pub(super) fn put_in_order(&mut self) -> Result<(), DatasetError> {
+        let mut place = Place { number: 0, first_index: 0 };
+        let mut is_begun = Self::is_torn(&self.dir);
+        while let Some(notes) = self.episodes.get(place.number) {
+            if !notes.is_at(&self.dir, place.number, place.first_index) {
+                if !is_begun {
+                    disk::replace(&renumbering(&self.dir), b"")?;
+                    is_begun = true;
+                }
+                let old = notes.path.clone();
+                match sealed::move_to(&self.dir, notes, place) {
+                    Ok(moved) if moved.path == old => self.episodes[place.number] = moved,
+                    Ok(moved) => {
+                        self.episodes[place.number] = moved;
+                        remove(&old)?;
+                    }
+                    Err(DatasetError::Damaged { reason, path }) if path == old => {
+                        self.episodes.remove(place.number);
+                        self.set_aside(reason, &path)?;
+                        continue;
+                    }
+                    Err(error) => return Err(error),
                 }
             }
-            number += 1;
-            first_index += self.episodes[idx].n_steps;
+            place.first_index += self.episodes[place.number].n_steps;
+            place.number += 1;
         }
-        self.next_number = self.damaged_numbers.last().map_or(number, |last| number.max(last + 1));
         if self.episodes.is_empty() {
             // It would tell of episodes that are gone.
-            let meta = self.dir.join("meta");
-            if meta.exists() {
-                fs::remove_dir_all(&meta).map_err(DatasetError::disk("remove the folder", &meta))?;
-            }
+            meta::remove(&self.dir)?;
         }
-        meta::write(&self.dir, &self.episodes)?;
-        remove(&renumbering(&self.dir))
+        if is_begun {
+            meta::write(&self.dir, &self.episodes)?;
+            remove(&renumbering(&self.dir))?;
+        }
+        Ok(())
     }
 
-    /// Of an episode that was caught between two places, the file at its old place goes.
+    /// Of an episode that lies in two files, the first one counts.
+    ///
+    /// Where it was caught between two places, the file at its old place goes. Other copies are moved aside.
     pub(super) fn forget_twins(&mut self) -> Result<(), DatasetError> {
-        let mut twins = self.episodes.extract_if(.., {
-            let mut before = None;
-            move |notes| before.replace(notes.recording.clone()).as_ref() == Some(&notes.recording)
-        });
-        twins.try_for_each(|twin| match &self.lock {
-            Some(_) => remove(&disk::episode_path(&self.dir, twin.number)),
-            None => Ok(()),
-        })
+        let mut first_of = HashMap::<String, PathBuf>::new();
+        let is_twin = |notes: &mut Notes| {
+            let is_known = first_of.contains_key(&notes.recording);
+            first_of.entry(notes.recording.clone()).or_insert_with(|| notes.path.clone());
+            is_known
+        };
+        let twins: Vec<Notes> = self.episodes.extract_if(.., is_twin).collect();
+        for twin in twins {
+            let first = &first_of[&twin.recording];
+            let reason = format!("the same episode as {:?}", first.strip_prefix(&self.dir).unwrap_or(first));
+            match (&self.lock, Self::is_torn(&self.dir)) {
+                (Some(_), true) => remove(&twin.path)?,
+                (Some(_), false) => self.set_aside(reason, &twin.path)?,
+                (None, true) => {}
+                (None, false) => self.damaged.push(DatasetError::NotOurs { reason, path: twin.path }),
+            }
+        }
+        Ok(())
     }
 
     fn require_lock(&self) -> Result<(), DatasetError> {
@@ -180,10 +197,10 @@ impl Dataset {
     }
 }
 
-/// The episode that was deleted last, and its file.
-fn deleted(dir: &Path) -> Option<(PathBuf, Notes)> {
+/// The episode that was deleted last.
+fn deleted(dir: &Path) -> Option<Notes> {
     let files = disk::list(&dir.join(DELETED)).ok()?;
-    files.into_iter().find_map(|path| Some((path.clone(), Sealed::open_anywhere(path).ok()?.notes)))
+    files.iter().find_map(|path| sealed::open(path).ok())
 }
 
 fn renumbering(dir: &Path) -> PathBuf {

@@ -49,6 +49,17 @@ impl Stats {
         stats
     }
 
+    /// Whether they can be those of a column of `width` components in an episode of `n_rows` rows.
+    pub(super) fn is_sane(&self, width: usize, n_rows: usize) -> bool {
+        let Self { min, max, mean, std, count } = self;
+        let is_whole =
+            |values: &Vec<f64>| values.len() == width && values.iter().all(|value| value.is_finite());
+        [min, max, mean, std].into_iter().all(is_whole)
+            && (1..=n_rows as u64).contains(count)
+            && min.iter().zip(max).all(|(min, max)| min <= max)
+            && std.iter().all(|&std| std >= 0.0)
+    }
+
     /// The statistics of both together.
     pub(super) fn merged(&self, other: &Self) -> Self {
         let count = self.count + other.count;

@@ -1,24 +1,42 @@
-//! Small Parquet tables, column by column, as `pyarrow` would have written them.
+//! Small Parquet tables, column by column, as `pyarrow` would have written them, so that older readers open them.
+//!
+//! Two notes in the footer tell a file that is as it was written from one that is not, before a decoder that trusts its
+//! input sees it: `dropj.sha256` (how many bytes stand before the footer, and their SHA-256) and
+//! `dropj.sha256.footer` (the SHA-256 of the footer, its own 64 digits taken as zeros).
 
-use std::fs::File;
-use std::io::{self, Read as _, Seek as _, SeekFrom};
+use std::io::{self, Read, Seek, SeekFrom};
 use std::sync::Arc;
 
-use parquet::basic::{Compression, ConvertedType, LogicalType, Repetition, Type as Physical, ZstdLevel};
+use bytes::Bytes;
+use parquet::basic::{Compression, ConvertedType, LogicalType, Repetition, Type as Physical};
 use parquet::column::reader::get_typed_column_reader;
 use parquet::data_type::{BoolType, ByteArray, ByteArrayType, DataType, DoubleType, FloatType, Int64Type};
 use parquet::errors::{ParquetError, Result};
-use parquet::file::metadata::KeyValue;
+use parquet::file::metadata::{ColumnChunkMetaData, FileMetaData, KeyValue, ParquetMetaDataReader};
 use parquet::file::properties::{EnabledStatistics, WriterProperties};
 use parquet::file::reader::{FileReader as _, SerializedFileReader};
 use parquet::file::writer::{SerializedFileWriter, SerializedRowGroupWriter};
 use parquet::schema::types::{ColumnPath, Type, TypePtr};
 use sha2::{Digest as _, Sha256};
 
+use super::limits;
 use super::sealed::to_hex;
+use super::thrift;
 
 /// The key of the note that covers all that stands before the footer: how many bytes, and their SHA-256.
 const SHA256: &str = "dropj.sha256";
+/// The key of the note that covers the footer.
+const FOOTER_SHA256: &str = "dropj.sha256.footer";
+/// What stands before the digits of that note: its key, then a binary field of 64 bytes.
+const FOOTER_MARK: &[u8] = b"dropj.sha256.footer\x18\x40";
+/// Digits of a SHA-256.
+const N_DIGITS: usize = 64;
+/// What a Parquet file begins and ends with.
+const MAGIC: &[u8] = b"PAR1";
+/// The length of the footer and the magic after it.
+const TAIL: usize = 8;
+/// What the name of the program that wrote a file begins with, where that was this one.
+const CREATED_BY: &str = "dropj ";
 
 /// A column of a table.
 pub(super) enum Column {
@@ -47,8 +65,8 @@ pub(super) fn to_parquet(columns: Vec<(String, Column)>, notes: Vec<(String, Str
     let fields = columns.iter().map(|(name, column)| column.field(name)).collect::<Result<_>>()?;
     let schema = Type::group_type_builder("schema").with_fields(fields).build()?;
     let mut properties = WriterProperties::builder()
-        .set_created_by(format!("dropj {}", env!("CARGO_PKG_VERSION")))
-        .set_compression(Compression::ZSTD(ZstdLevel::default()))
+        .set_created_by(format!("{CREATED_BY}{}", env!("CARGO_PKG_VERSION")))
+        .set_compression(Compression::SNAPPY)
         .set_write_batch_size(64)
         .set_offset_index_disabled(true)
         .set_statistics_enabled(EnabledStatistics::Chunk)
@@ -65,6 +83,7 @@ pub(super) fn to_parquet(columns: Vec<(String, Column)>, notes: Vec<(String, Str
                 .set_column_statistics_enabled(bytes, EnabledStatistics::None);
         }
     }
+    let n_leaves = columns.iter().map(|(_, column)| column.n_leaves()).sum();
     let mut file = Vec::new();
     let mut writer = SerializedFileWriter::new(&mut file, Arc::new(schema), Arc::new(properties.build()))?;
     let mut row_group = writer.next_row_group()?;
@@ -76,11 +95,79 @@ pub(super) fn to_parquet(columns: Vec<(String, Column)>, notes: Vec<(String, Str
     let checked = writer.inner();
     let sha256 = format!("{} {}", checked.len(), to_hex(&Sha256::digest(checked.as_slice())));
     writer.append_key_value_metadata(KeyValue::new(SHA256.to_owned(), sha256));
+    writer.append_key_value_metadata(KeyValue::new(FOOTER_SHA256.to_owned(), "0".repeat(N_DIGITS)));
     writer.close()?;
+    order_as_types_do(&mut file, n_leaves)?;
+    sign_footer(&mut file)?;
     Ok(file)
 }
 
+/// Says of every column that its statistics are in the order of its type.
+///
+/// Of floats the writer says that they are in IEEE 754's total order, which readers older than 2026 refuse. Among the
+/// finite numbers that we write, both are the same. The orders stand at the very end of the footer, three bytes each.
+fn order_as_types_do(file: &mut [u8], n_leaves: usize) -> Result<()> {
+    const TYPE_DEFINED: [u8; 3] = [0x1c, 0, 0];
+    const TOTAL: [u8; 3] = [0x2c, 0, 0];
+    let not_there =
+        || ParquetError::General("the footer does not end in the orders of its columns".to_owned());
+    // After them: the end of the footer's structure, then the tail.
+    let end = file.len().checked_sub(TAIL + 1).ok_or_else(not_there)?;
+    let orders = file.get_mut(..end).and_then(|all| {
+        let start = all.len().checked_sub(3 * n_leaves)?;
+        Some(all[start..].as_chunks_mut().0)
+    });
+    for order in orders.ok_or_else(not_there)? {
+        if ![TYPE_DEFINED, TOTAL].contains(order) {
+            return Err(not_there());
+        }
+        *order = TYPE_DEFINED;
+    }
+    Ok(())
+}
+
+/// Puts the SHA-256 of the footer where zeros keep its place.
+pub(super) fn sign_footer(file: &mut [u8]) -> Result<()> {
+    let no_place = || ParquetError::General("there is no place for the checksum of the footer".to_owned());
+    let start = footer_start(file).ok_or_else(no_place)?;
+    let (digits, sha256) = footer_sha256(&file[start..]).ok_or_else(no_place)?;
+    file[start..][digits].copy_from_slice(sha256.as_bytes());
+    Ok(())
+}
+
+/// Where the footer of a whole file begins.
+fn footer_start(file: &[u8]) -> Option<usize> {
+    let len = footer_len(*file.last_chunk()?)?;
+    file.len().checked_sub(TAIL)?.checked_sub(len).filter(|&start| start >= MAGIC.len())
+}
+
+/// How long the footer before the last bytes of a file is.
+fn footer_len(tail: [u8; TAIL]) -> Option<usize> {
+    let len = tail.strip_suffix(MAGIC)?;
+    Some(u32::from_le_bytes(*len.first_chunk()?) as usize)
+}
+
+/// Where the digits of its checksum stand in a footer (with or without the tail), and what they should be.
+fn footer_sha256(footer: &[u8]) -> Option<(std::ops::Range<usize>, String)> {
+    let at = footer.windows(FOOTER_MARK.len()).rposition(|bytes| bytes == FOOTER_MARK)? + FOOTER_MARK.len();
+    let (before, rest) = footer.split_at(at);
+    let after = rest.get(N_DIGITS..)?;
+    let mut hasher = Sha256::new();
+    hasher.update(before);
+    hasher.update([b'0'; N_DIGITS]);
+    hasher.update(after);
+    Some((at..at + N_DIGITS, to_hex(&hasher.finalize())))
+}
+
 impl Column {
+    /// How many leaves of the schema it takes.
+    fn n_leaves(&self) -> usize {
+        match self {
+            Self::Images(_) => 2,
+            _ => 1,
+        }
+    }
+
     /// The column's place in the schema.
     fn field(&self, name: &str) -> Result<TypePtr> {
         match self {
@@ -180,65 +267,208 @@ fn write_levels<T: DataType>(
     column.close()
 }
 
-/// A Parquet file that is being read.
-pub(super) struct Table {
-    file: File,
-    reader: SerializedFileReader<File>,
+/// Why a file cannot be read as a table.
+#[derive(Debug)]
+pub(super) enum Fault {
+    /// The system refused.
+    Disk(io::Error),
+    /// It is not what once was written.
+    Torn(String),
 }
 
-impl Table {
-    /// Opens a file and reads its footer.
-    pub(super) fn new(file: File) -> Result<Self> {
-        Ok(Self { reader: SerializedFileReader::new(file.try_clone()?)?, file })
+impl Fault {
+    fn torn(reason: impl Into<String>) -> Self {
+        Self::Torn(reason.into())
     }
+}
 
-    /// Whether the pages are as they were written.
-    pub(super) fn is_intact(&self) -> io::Result<bool> {
-        let Some((n_bytes, sha256)) = self.note(SHA256).and_then(|note| note.split_once(' ')) else {
-            return Ok(false);
-        };
-        let Ok(n_bytes) = n_bytes.parse() else { return Ok(false) };
-        let mut hasher = Sha256::new();
-        let mut file = &self.file;
-        file.seek(SeekFrom::Start(0))?;
-        let mut file = file.take(n_bytes);
-        let mut buffer = vec![0; 1 << 16];
-        loop {
-            match file.read(&mut buffer)? {
-                0 => return Ok(to_hex(&hasher.finalize()) == sha256),
-                n_read => hasher.update(&buffer[..n_read]),
-            }
+/// What the footer of a Parquet file says.
+pub(super) struct Footer {
+    metadata: FileMetaData,
+}
+
+impl Footer {
+    /// Reads the footer, and checks that it is as it was written where it says so.
+    pub(super) fn read(file: &mut (impl Read + Seek)) -> std::result::Result<Self, Fault> {
+        let n_bytes = file.seek(SeekFrom::End(0)).map_err(Fault::Disk)?;
+        let tail_at = n_bytes.checked_sub(TAIL as u64).ok_or_else(|| Fault::torn("it is too short"))?;
+        let mut tail = [0; TAIL];
+        file.seek(SeekFrom::Start(tail_at)).and_then(|_| file.read_exact(&mut tail)).map_err(Fault::Disk)?;
+        let len = footer_len(tail).ok_or_else(|| Fault::torn("it does not end as a Parquet file does"))?;
+        let start = tail_at.checked_sub(len as u64).filter(|&start| start >= MAGIC.len() as u64);
+        let start = start.ok_or_else(|| Fault::torn("its footer is longer than the file"))?;
+        if len > limits::FOOTER_BYTES {
+            return Err(Fault::torn(format!("its footer has {len} bytes")));
         }
+        let mut footer = vec![0; len + TAIL];
+        file.seek(SeekFrom::Start(start)).and_then(|_| file.read_exact(&mut footer)).map_err(Fault::Disk)?;
+        Self::decode(&footer)
     }
 
-    /// How many rows the footer claims.
-    pub(super) fn n_rows(&self) -> usize {
-        self.reader.metadata().file_metadata().num_rows() as usize
+    /// The same of the footer's bytes, with its length and the magic after it.
+    fn decode(footer: &[u8]) -> std::result::Result<Self, Fault> {
+        // Files of before have no such checksum.
+        if footer_sha256(footer).is_some_and(|(digits, sha256)| footer[digits] != *sha256.as_bytes()) {
+            return Err(Fault::torn("its footer does not match its checksum"));
+        }
+        let thrift = &footer[..footer.len() - TAIL];
+        if !thrift::is_footer(thrift) {
+            return Err(Fault::torn("its footer is no footer"));
+        }
+        let metadata =
+            ParquetMetaDataReader::decode_metadata(thrift).map_err(|met| Fault::torn(met.to_string()))?;
+        Ok(Self { metadata: metadata.file_metadata().clone() })
     }
 
-    /// A note in the footer.
+    /// How many rows it claims.
+    pub(super) fn n_rows(&self) -> i64 {
+        self.metadata.num_rows()
+    }
+
+    /// A note in it.
     pub(super) fn note(&self, key: &str) -> Option<&str> {
-        let notes = self.reader.metadata().file_metadata().key_value_metadata()?;
+        let notes = self.metadata.key_value_metadata()?;
         notes.iter().find(|note| note.key == key)?.value.as_deref()
     }
 
-    /// The values of the column at a path of names, those that are there.
-    pub(super) fn read<T: DataType>(&self, path: &[&str]) -> Result<Vec<T::T>> {
-        let mut values = Vec::new();
-        for idx in 0..self.reader.num_row_groups() {
-            let row_group = self.reader.get_row_group(idx)?;
-            let columns = row_group.metadata().columns();
-            let column_idx = columns
-                .iter()
-                .position(|column| {
-                    column.column_path().parts() == path && column.column_type() == T::get_physical_type()
-                })
-                .ok_or_else(|| ParquetError::General(format!("there is no column {:?}", path.join("."))))?;
-            let mut reader = get_typed_column_reader::<T>(row_group.get_column_reader(column_idx)?);
-            let n_rows = row_group.metadata().num_rows() as usize;
-            let (mut defined, mut repeated) = (Vec::new(), Vec::new());
-            while reader.read_records(n_rows, Some(&mut defined), Some(&mut repeated), &mut values)?.0 > 0 {}
+    /// Whether it has a checksum, which it matches.
+    pub(super) fn is_signed(&self) -> bool {
+        self.note(FOOTER_SHA256).is_some()
+    }
+
+    /// The program that wrote the file.
+    pub(super) fn created_by(&self) -> &str {
+        self.metadata.created_by().unwrap_or("an unnamed program")
+    }
+
+    /// Whether this program wrote the file.
+    pub(super) fn is_ours(&self) -> bool {
+        self.created_by().starts_with(CREATED_BY)
+    }
+
+    /// Whether it has a column of this name.
+    pub(super) fn has_column(&self, name: &str) -> bool {
+        self.metadata.schema_descr().root_schema().get_fields().iter().any(|field| field.name() == name)
+    }
+}
+
+/// A Parquet file of one row group in memory, whose pages are as they were written.
+pub(super) struct Table {
+    bytes: Bytes,
+    pub(super) footer: Footer,
+    reader: SerializedFileReader<Bytes>,
+    n_rows: usize,
+}
+
+impl Table {
+    /// Takes the file apart, and checks that all of it is as it was written: a decoder that trusts its input must not see
+    /// a damaged page.
+    pub(super) fn new(bytes: Vec<u8>) -> std::result::Result<Self, Fault> {
+        let footer = Footer::read(&mut io::Cursor::new(&bytes))?;
+        let note = footer.note(SHA256).and_then(|note| note.split_once(' '));
+        let pages = note.and_then(|(n_bytes, sha256)| {
+            let pages = bytes.get(..n_bytes.parse().ok()?)?;
+            (to_hex(&Sha256::digest(pages)) == sha256).then_some(pages.len())
+        });
+        let is_covered = footer_start(&bytes).is_some() && pages == footer_start(&bytes);
+        if !is_covered {
+            return Err(Fault::torn("its content does not match its checksum"));
+        }
+        let bytes = Bytes::from(bytes);
+        let reader = SerializedFileReader::new(bytes.clone()).map_err(|met| Fault::torn(met.to_string()))?;
+        let [row_group] = reader.metadata().row_groups() else {
+            return Err(Fault::torn("it has not one group of rows"));
+        };
+        let n_rows = usize::try_from(row_group.num_rows()).unwrap_or(usize::MAX);
+        if n_rows > limits::STEPS || row_group.num_rows() != footer.n_rows() {
+            return Err(Fault::torn(format!("it says it has {} rows", row_group.num_rows())));
+        }
+        Ok(Self { bytes, footer, reader, n_rows })
+    }
+
+    /// The pages of a column, which lie where it says.
+    fn pages(&self, column: &ColumnChunkMetaData) -> Option<&[u8]> {
+        let start = column.dictionary_page_offset().unwrap_or(column.data_page_offset());
+        let rest = self.bytes.get(usize::try_from(start).ok()?..)?;
+        rest.get(..usize::try_from(column.compressed_size()).ok()?)
+    }
+
+    /// The values of the column at a path of names, `width` of them a row.
+    pub(super) fn read<T: DataType>(&self, path: &[&str], width: usize) -> Result<Vec<T::T>> {
+        let fault = |what: &str| ParquetError::General(format!("{what} {:?}", path.join(".")));
+        let row_group = self.reader.get_row_group(0)?;
+        let columns = row_group.metadata().columns();
+        let is_it = |column: &ColumnChunkMetaData| {
+            column.column_path().parts() == path && column.column_type() == T::get_physical_type()
+        };
+        let idx = columns.iter().position(is_it).ok_or_else(|| fault("there is no column"))?;
+        let n_values = self.n_rows * width;
+        let pages = self.pages(&columns[idx]);
+        // What a page claims is allocated before it is read.
+        let is_sane =
+            pages.is_some_and(|pages| thrift::pages_hold(pages, n_values, limits::page_bytes(n_values)));
+        if !is_sane {
+            return Err(fault("its pages do not hold the values of"));
+        }
+        let mut reader = get_typed_column_reader::<T>(row_group.get_column_reader(idx)?);
+        let (mut values, mut defined, mut repeated) = (Vec::new(), Vec::new(), Vec::new());
+        while reader.read_records(self.n_rows, Some(&mut defined), Some(&mut repeated), &mut values)?.0 > 0 {}
+        if values.len() != n_values {
+            return Err(fault(&format!("{} rows have {} values of", self.n_rows, values.len())));
         }
         Ok(values)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn table() -> Vec<u8> {
+        let columns = vec![
+            ("numbers".to_owned(), Column::Floats(vec![1.5, -2.0, 0.25])),
+            ("lists".to_owned(), Column::FloatLists(2, vec![1.0, 2.0, 3.0, 4.0, 5.0, 6.0])),
+            ("doubles".to_owned(), Column::DoubleLists(1, vec![vec![1.0], vec![2.0], vec![3.0]])),
+            ("counts".to_owned(), Column::Ints(vec![1, 2, 3])),
+        ];
+        to_parquet(columns, vec![("note".to_owned(), "said".to_owned())]).unwrap()
+    }
+
+    #[test]
+    fn what_is_written_is_read() {
+        let table = Table::new(table()).unwrap();
+        assert_eq!(table.footer.note("note"), Some("said"));
+        assert_eq!(table.read::<FloatType>(&["numbers"], 1).unwrap(), [1.5, -2.0, 0.25]);
+        let lists = table.read::<FloatType>(&["lists", "list", "element"], 2).unwrap();
+        assert_eq!(lists, [1.0, 2.0, 3.0, 4.0, 5.0, 6.0]);
+        assert!(table.read::<FloatType>(&["numbers"], 2).is_err(), "one a row, not two");
+        assert!(table.read::<Int64Type>(&["numbers"], 1).is_err(), "of another type");
+    }
+
+    #[test]
+    fn older_readers_know_the_order_and_the_compression_of_every_column() {
+        use parquet::basic::{ColumnOrder, SortOrder};
+        let reader = SerializedFileReader::new(Bytes::from(table())).unwrap();
+        let orders = reader.metadata().file_metadata().column_orders().unwrap();
+        let is_type_defined = |order: &ColumnOrder| matches!(order, ColumnOrder::TYPE_DEFINED_ORDER(order) if *order == SortOrder::SIGNED);
+        assert_eq!(orders.len(), 4);
+        assert!(orders.iter().all(is_type_defined), "{orders:?}");
+        let columns = reader.metadata().row_group(0).columns();
+        assert!(columns.iter().all(|column| column.compression() == Compression::SNAPPY));
+    }
+
+    #[test]
+    fn a_file_cut_or_changed_anywhere_is_torn() {
+        let whole = table();
+        for len in 0..whole.len() {
+            assert!(Table::new(whole[..len].to_vec()).is_err(), "cut to {len} bytes");
+        }
+        for at in 0..whole.len() {
+            let mut bytes = whole.clone();
+            bytes[at] ^= 0x20;
+            // A checksum of another name is none; episodes have one.
+            let is_whole = Table::new(bytes).is_ok_and(|table| table.footer.is_signed());
+            assert!(!is_whole, "byte {at}");
+        }
     }
 }

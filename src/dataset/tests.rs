@@ -3,8 +3,15 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
+use parquet::data_type::BoolType;
+use rand::{Rng as _, SeedableRng as _};
+use rand_chacha::ChaCha8Rng;
+
+use super::sealed::Notes;
+use super::table::{Column, Table, sign_footer, to_parquet};
 use super::{Dataset, DatasetError, Episode, EpisodeInfo, Recording, StepRecord};
-use crate::env::{Action, Contacts, Frame};
+use super::{disk, limits, read_episode, read_journal};
+use crate::env::{Action, Contacts, End, Frame};
 
 const SIDE: u32 = 12;
 
@@ -22,15 +29,18 @@ fn step(index: usize) -> StepRecord {
         grass: index.is_multiple_of(4),
         contacts: None,
         wall_time_ns: 1_767_225_600_000_000_000 + 20_000_000 * index as i64,
+        state: vec![0.5 * index as f32, -1.0],
     }
 }
+
+const SENSORS: [&str; 2] = ["speed", "yaw_rate"];
 
 fn info(seed: u64) -> EpisodeInfo {
     EpisodeInfo { env: "dummy".into(), pilot: "nobody".into(), seed }
 }
 
 fn record(dataset: &Dataset, seed: u64, n_steps: usize) -> Recording {
-    let mut recording = dataset.begin(info(seed)).unwrap();
+    let mut recording = dataset.begin_with(info(seed), &SENSORS).unwrap();
     for index in 0..n_steps {
         recording.push(&step(index)).unwrap();
     }
@@ -39,7 +49,7 @@ fn record(dataset: &Dataset, seed: u64, n_steps: usize) -> Recording {
 
 fn seal(dataset: &mut Dataset, seed: u64, n_steps: usize) -> usize {
     let recording = record(dataset, seed, n_steps);
-    dataset.seal(recording, &frame(n_steps), true).unwrap()
+    dataset.seal(recording, &frame(n_steps), Some(End::OutOfBounds)).unwrap()
 }
 
 fn expected(number: usize, seed: u64, n_steps: usize) -> Episode {
@@ -53,7 +63,10 @@ fn expected(number: usize, seed: u64, n_steps: usize) -> Episode {
         grass: steps.iter().map(|step| step.grass).collect(),
         contacts: steps.iter().filter_map(|step| step.contacts).collect(),
         wall_times_ns: steps.iter().map(|step| step.wall_time_ns).collect(),
+        state_names: SENSORS.map(str::to_owned).to_vec(),
+        states: steps.into_iter().map(|step| step.state).collect(),
         done: true,
+        truncated: false,
         planned: Vec::new(),
     }
 }
@@ -67,7 +80,7 @@ fn who_drove_each_step_is_kept_even_where_the_program_was_killed() {
     let dir = tempfile::tempdir().unwrap();
     let planned = |index: usize| (2..5).contains(&index) || index == 7;
     let drive = |dataset: &Dataset| {
-        let mut recording = dataset.begin(info(1)).unwrap();
+        let mut recording = dataset.begin_with(info(1), &SENSORS).unwrap();
         for index in 0..8 {
             recording.push_by(&step(index), planned(index)).unwrap();
         }
@@ -75,7 +88,7 @@ fn who_drove_each_step_is_kept_even_where_the_program_was_killed() {
     };
     let mut dataset = Dataset::create_or_open(dir.path(), "dummy").unwrap();
     let recording = drive(&dataset);
-    dataset.seal(recording, &frame(8), true).unwrap();
+    dataset.seal(recording, &frame(8), Some(End::TimeLimit)).unwrap();
     drop(drive(&dataset));
     drop(dataset);
     let mut dataset = Dataset::create_or_open(dir.path(), "dummy").unwrap();
@@ -105,11 +118,11 @@ fn contacts_with_obstacles_come_back() {
     let mut dataset = Dataset::create_or_open(dir.path(), "dummy").unwrap();
     let contacts = [(true, false), (false, false), (true, true)];
     let contacts = contacts.map(|(chuckhole, car)| Contacts { chuckhole, car });
-    let mut recording = dataset.begin(info(1)).unwrap();
+    let mut recording = dataset.begin_with(info(1), &SENSORS).unwrap();
     for (i, &contact) in contacts.iter().enumerate() {
         recording.push(&StepRecord { contacts: Some(contact), ..step(i) }).unwrap();
     }
-    dataset.seal(recording, &frame(3), true).unwrap();
+    dataset.seal(recording, &frame(3), Some(End::OutOfBounds)).unwrap();
     let read = Dataset::open(dir.path()).unwrap().episode(0).unwrap();
     assert_eq!(read.contacts, contacts);
     assert_eq!(read.grass, [true, false, false]);
@@ -121,8 +134,8 @@ fn episodes_keep_the_order_they_were_sealed_in() {
     let mut dataset = Dataset::create_or_open(dir.path(), "dummy").unwrap();
     let early = record(&dataset, 1, 2);
     let late = record(&dataset, 2, 2);
-    assert_eq!(dataset.seal(late, &frame(2), false).unwrap(), 0);
-    assert_eq!(dataset.seal(early, &frame(2), false).unwrap(), 1);
+    assert_eq!(dataset.seal(late, &frame(2), None).unwrap(), 0);
+    assert_eq!(dataset.seal(early, &frame(2), None).unwrap(), 1);
     drop(dataset);
     let mut dataset = Dataset::create_or_open(dir.path(), "dummy").unwrap();
     assert_eq!(seal(&mut dataset, 3, 2), 2);
@@ -167,7 +180,7 @@ fn a_program_killed_between_sealing_and_tidying_up_seals_nothing_twice() {
     let recording = record(&dataset, 1, 3);
     let journal = recording.path().to_path_buf();
     let bytes = fs::read(&journal).unwrap();
-    dataset.seal(recording, &frame(3), true).unwrap();
+    dataset.seal(recording, &frame(3), Some(End::OutOfBounds)).unwrap();
     drop(dataset);
     fs::write(&journal, bytes).unwrap();
     let dataset = Dataset::create_or_open(dir.path(), "dummy").unwrap();
@@ -215,13 +228,22 @@ fn a_torn_episode_file_is_named_and_the_others_are_read() {
     let path = episode_file(dir.path(), 1);
     let bytes = fs::read(&path).unwrap();
     fs::write(&path, &bytes[..bytes.len() / 2]).unwrap();
-    let mut dataset = Dataset::create_or_open(dir.path(), "dummy").unwrap();
-    assert_eq!((dataset.n_episodes(), dataset.damaged().len()), (2, 1));
-    let message = dataset.damaged()[0].to_string();
+    let torn = fs::read(&path).unwrap();
+    let reader = Dataset::open(dir.path()).unwrap();
+    let message = reader.damaged()[0].to_string();
     assert!(message.starts_with("this episode file is damaged ("), "{message}");
     let end = format!("; move it out of the dataset to go on without it: {path:?}");
     assert!(message.ends_with(&end), "{message}");
-    assert_eq!(seal(&mut dataset, 9, 1), 3, "no file is overwritten");
+    assert!(path.exists(), "who only reads changes nothing");
+
+    let mut dataset = Dataset::create_or_open(dir.path(), "dummy").unwrap();
+    assert_eq!((dataset.n_episodes(), dataset.damaged().len()), (2, 1));
+    let DatasetError::SetAside { to, .. } = &dataset.damaged()[0] else { panic!("{:?}", dataset.damaged()) };
+    assert!(to.starts_with(dir.path().join("damaged")), "{to:?}");
+    assert_eq!(fs::read(to).unwrap(), torn, "nothing is lost");
+    let episodes: Vec<Episode> = dataset.episodes().map(Result::unwrap).collect();
+    assert_eq!(episodes, [expected(0, 0, 3), expected(1, 2, 3)], "the place is taken by the next");
+    assert_eq!(seal(&mut dataset, 9, 1), 2);
 }
 
 #[test]
@@ -263,7 +285,7 @@ fn a_dataset_keeps_to_one_environment_and_one_frame_size() {
     let dir = tempfile::tempdir().unwrap();
     let mut dataset = Dataset::create_or_open(dir.path(), "dummy").unwrap();
     seal(&mut dataset, 1, 1);
-    let mut recording = dataset.begin(info(2)).unwrap();
+    let mut recording = dataset.begin_with(info(2), &SENSORS).unwrap();
     let small = StepRecord { frame: Frame::new(1, vec![0; 3]), ..step(0) };
     assert!(matches!(recording.push(&small), Err(DatasetError::OtherSide { tried: 1, met: SIDE, .. })));
     drop(dataset);
@@ -294,7 +316,7 @@ fn an_episode_that_cannot_be_sealed_stays_in_its_journal() {
     let recording = record(&dataset, 3, 2);
     // A file where the folder should be: as good as a disk that refuses, and true for root as well.
     fs::write(dir.path().join("data"), "in the way").unwrap();
-    let message = dataset.seal(recording, &frame(2), true).unwrap_err().to_string();
+    let message = dataset.seal(recording, &frame(2), Some(End::OutOfBounds)).unwrap_err().to_string();
     assert!(message.starts_with("could not seal the episode, which stays in its journal"), "{message}");
     fs::remove_file(dir.path().join("data")).unwrap();
     assert_eq!(dataset.recover(0).unwrap(), 0);
@@ -444,9 +466,10 @@ fn an_episode_that_cannot_be_moved_keeps_nobody_from_recording() {
     fs::write(&damaged, bytes).unwrap();
 
     let mut dataset = Dataset::create_or_open(dir.path(), "dummy").unwrap();
-    assert_eq!(dataset.damaged().len(), 1, "{:?}", dataset.damaged());
-    assert_eq!(seal(&mut dataset, 20, 1), 4, "behind all others");
+    assert!(matches!(dataset.damaged(), [DatasetError::SetAside { .. }]), "{:?}", dataset.damaged());
+    assert_eq!(seal(&mut dataset, 20, 1), 2, "behind all others");
     assert_eq!(dataset.episode(0).unwrap(), expected(0, 10, 3));
+    assert_eq!(dataset.episode(1).unwrap(), expected(1, 13, 4));
 }
 
 #[test]
@@ -472,4 +495,344 @@ fn nothing_is_deleted_while_somebody_records() {
     // And who read on while another program deleted is told.
     Dataset::create_or_open(dir.path(), "dummy").unwrap().delete(1).unwrap();
     assert!(matches!(reader.episode(1), Err(DatasetError::Moved { .. })));
+}
+
+/// What lies below a folder: every file with its content, and every folder.
+fn tree(dir: &Path) -> Vec<(PathBuf, Vec<u8>)> {
+    let (mut tree, mut folders) = (Vec::new(), vec![dir.to_owned()]);
+    while let Some(folder) = folders.pop() {
+        for entry in fs::read_dir(&folder).unwrap() {
+            let path = entry.unwrap().path();
+            if path.is_dir() {
+                folders.push(path.clone());
+                tree.push((path, Vec::new()));
+            } else {
+                tree.push((path.clone(), fs::read(path).unwrap()));
+            }
+        }
+    }
+    tree.sort();
+    tree
+}
+
+/// Asserts that the folder is refused and nothing in it changed, and returns why.
+#[track_caller]
+fn refused(dir: &Path) -> String {
+    let before = tree(dir);
+    let refused = Dataset::create_or_open(dir, "dummy").err();
+    assert!(tree(dir) == before, "nothing is touched");
+    refused.expect("it is refused").to_string()
+}
+
+/// A Parquet file of somebody else's with these columns.
+fn foreign(names: &[&str]) -> Vec<u8> {
+    let columns = names.iter().map(|&name| (name.to_owned(), Column::Ints(vec![1, 2]))).collect();
+    let ours = to_parquet(columns, Vec::new()).unwrap();
+    let by = format!("dropj {}", env!("CARGO_PKG_VERSION"));
+    signed(edited(ours, &by, &format!("{:1$}", "pyarrow", by.len())))
+}
+
+/// The same bytes with a text replaced by another of the same length, wherever it stands.
+fn edited(mut bytes: Vec<u8>, from: &str, to: &str) -> Vec<u8> {
+    assert_eq!(from.len(), to.len());
+    let at: Vec<usize> =
+        (0..bytes.len() - from.len()).filter(|&at| bytes[at..].starts_with(from.as_bytes())).collect();
+    assert!(!at.is_empty(), "{from} is there");
+    for at in at {
+        bytes[at..at + to.len()].copy_from_slice(to.as_bytes());
+    }
+    bytes
+}
+
+/// The same file with the checksum of its footer made right: what an attacker would do.
+fn signed(mut file: Vec<u8>) -> Vec<u8> {
+    sign_footer(&mut file).unwrap();
+    file
+}
+
+fn put(dir: &Path, name: &str, bytes: impl AsRef<[u8]>) {
+    let path = dir.join(name);
+    fs::create_dir_all(path.parent().unwrap()).unwrap();
+    fs::write(path, bytes).unwrap();
+}
+
+/// Names and contents of files.
+type Files<'a> = &'a [(&'a str, &'a [u8])];
+
+#[test]
+fn a_folder_of_somebody_elses_is_refused_and_nothing_in_it_touched() {
+    let lerobot = r#"{"codebase_version": "v3.0", "robot_type": "so101", "features": {}}"#;
+    let data = foreign(&["action", "index"]);
+    let file = "data/chunk-000/file-000.parquet";
+    let folders: [(Files<'_>, &str); 8] = [
+        (&[("meta/info.json", lerobot.as_bytes()), (file, &data)], "so101"),
+        (&[("meta/info.json", lerobot.as_bytes())], "so101"),
+        (&[(file, &data)], "not recorded by dropj, but written by pyarrow"),
+        (&[("data/chunk-000/episode_000000.parquet", &data)], "episode_000000.parquet"),
+        (&[("notes.txt", b"mine")], "notes.txt"),
+        (&[("data/notes.txt", b"mine")], "\"data\""),
+        (&[(file, b"torn"), ("notes.txt", b"mine")], "notes.txt"),
+        // A version of before went over it, and made a lock and an index of its own.
+        (&[("meta/info.json", br#"{"dropj": {}}"#), ("journal/.lock", b""), (file, &data)], "pyarrow"),
+    ];
+    for (files, reason) in folders {
+        let dir = tempfile::tempdir().unwrap();
+        for (name, bytes) in files {
+            put(dir.path(), name, bytes);
+        }
+        let message = refused(dir.path());
+        assert!(message.contains(reason), "{message}");
+        if files.iter().any(|(name, _)| *name == file) {
+            assert!(Dataset::open(dir.path()).is_err(), "there is nothing of ours to read");
+        }
+    }
+}
+
+#[test]
+fn an_empty_folder_is_as_good_as_none() {
+    let dir = tempfile::tempdir().unwrap();
+    fs::create_dir_all(dir.path().join("empty/within")).unwrap();
+    put(dir.path(), ".DS_Store", "");
+    let mut dataset = Dataset::create_or_open(dir.path(), "dummy").unwrap();
+    seal(&mut dataset, 1, 2);
+    dataset.delete(0).unwrap();
+    drop(dataset);
+    // And one of which all was deleted is ours still.
+    seal(&mut Dataset::create_or_open(dir.path(), "dummy").unwrap(), 1, 2);
+    put(dir.path(), "README.md", "what I drove");
+    Dataset::create_or_open(dir.path(), "dummy").unwrap();
+}
+
+#[test]
+fn an_episode_that_another_program_rewrote_is_refused_by_its_true_name() {
+    let dir = tempfile::tempdir().unwrap();
+    drop(four(dir.path()));
+    let path = episode_file(dir.path(), 1);
+    let whole = fs::read(&path).unwrap();
+    let by = format!("dropj {}", env!("CARGO_PKG_VERSION"));
+    let pyarrow = format!("{:1$}", "pyarrow", by.len());
+    let left_out = foreign(&["action", "next.grass", "wall_time_ns"]);
+    for (rewritten, reason) in [
+        (signed(edited(whole.clone(), &by, &pyarrow)), "recorded by dropj, but rewritten by pyarrow"),
+        (left_out, "which left out who drove"),
+        (signed(edited(whole.clone(), "\"format\":2", "\"format\":9")), "format 9"),
+        (
+            signed(edited(whole, "\"next.grass\":{", "\"next.glass\":{")),
+            "lacks the statistics of \"next.grass\"",
+        ),
+    ] {
+        fs::write(&path, rewritten).unwrap();
+        let message = refused(dir.path());
+        assert!(message.contains(reason) && message.contains("file-001.parquet"), "{message}");
+        let reader = Dataset::open(dir.path()).unwrap();
+        assert_eq!((reader.n_episodes(), reader.damaged().len()), (3, 1), "the others are read");
+    }
+}
+
+#[test]
+fn whatever_happens_to_files_the_index_follows() {
+    let dir = tempfile::tempdir().unwrap();
+    let other = tempfile::tempdir().unwrap();
+    drop(four(dir.path()));
+    seal(&mut Dataset::create_or_open(other.path(), "dummy").unwrap(), 99, 6);
+    let file = |number| episode_file(dir.path(), number);
+    fs::remove_file(file(1)).unwrap();
+    let check = |seeds: &[(u64, usize)]| {
+        let read = Dataset::open(dir.path()).unwrap();
+        let known: Vec<Episode> =
+            (0..).zip(seeds).map(|(number, &(seed, n_steps))| expected(number, seed, n_steps)).collect();
+        assert_eq!(read.episodes().map(Result::unwrap).collect::<Vec<_>>(), known, "to who only reads");
+        let written = Dataset::create_or_open(dir.path(), "dummy").unwrap();
+        assert_eq!(written.episodes().map(Result::unwrap).collect::<Vec<_>>(), known);
+        let mut first_index = 0;
+        for (number, notes) in written.episodes.iter().enumerate() {
+            assert!(notes.is_at(dir.path(), number, first_index), "{notes:?}");
+            // The file itself says so, too.
+            let of_file = super::sealed::open(&file(number)).unwrap();
+            assert_eq!((of_file.number, of_file.first_index), (number, first_index));
+            first_index += notes.n_steps;
+        }
+        assert_eq!(disk::data_files(dir.path()).unwrap().len(), seeds.len());
+    };
+    check(&[(10, 3), (12, 2), (13, 4)]);
+    // One in the middle, of another dataset; the last under a name of its own.
+    fs::rename(file(2), file(7)).unwrap();
+    fs::rename(file(1), file(5)).unwrap();
+    fs::copy(episode_file(other.path(), 0), file(3)).unwrap();
+    fs::rename(file(0), dir.path().join("data/chunk-000/the first.parquet")).unwrap();
+    check(&[(99, 6), (12, 2), (13, 4), (10, 3)]);
+    // Two change places.
+    fs::rename(file(0), file(9)).unwrap();
+    fs::rename(file(1), file(0)).unwrap();
+    check(&[(12, 2), (13, 4), (10, 3), (99, 6)]);
+    // And a copy is no episode of its own.
+    fs::copy(file(1), file(8)).unwrap();
+    check(&[(12, 2), (13, 4), (10, 3), (99, 6)]);
+    assert!(dir.path().join("damaged/data-chunk-000-file-008.parquet.damaged").exists());
+}
+
+#[test]
+fn nothing_that_was_moved_aside_is_overwritten() {
+    let dir = tempfile::tempdir().unwrap();
+    drop(four(dir.path()));
+    for content in ["one", "two"] {
+        put(dir.path(), "data/chunk-000/file-003.parquet", content);
+        let mut dataset = Dataset::create_or_open(dir.path(), "dummy").unwrap();
+        assert_eq!(dataset.damaged().len(), 1, "{content}");
+        seal(&mut dataset, 1, 1);
+    }
+    put(dir.path(), "journal/00000000000000000000007.journal", "no journal");
+    put(dir.path(), "meta/episodes/chunk-000/file-001.parquet", "another's index");
+    assert_eq!(Dataset::create_or_open(dir.path(), "dummy").unwrap().damaged().len(), 2);
+    let mut aside: Vec<_> = tree(&dir.path().join("damaged"))
+        .into_iter()
+        .map(|(_, bytes)| String::from_utf8(bytes).unwrap())
+        .collect();
+    aside.sort();
+    assert_eq!(aside, ["another's index", "no journal", "one", "two"]);
+}
+
+#[test]
+fn only_what_is_ours_is_removed() {
+    let dir = tempfile::tempdir().unwrap();
+    let mut dataset = four(dir.path());
+    for name in ["deleted/mine.parquet", "meta/mine.txt", "meta/mine.txt.partial", "data/mine.partial"] {
+        put(dir.path(), name, "mine");
+    }
+    (0..4).for_each(|_| dataset.delete(0).unwrap());
+    drop(dataset);
+    Dataset::create_or_open(dir.path(), "dummy").unwrap();
+    for name in ["deleted/mine.parquet", "meta/mine.txt", "meta/mine.txt.partial", "data/mine.partial"] {
+        assert!(dir.path().join(name).exists(), "{name}");
+    }
+    assert!(!dir.path().join("meta/info.json").exists(), "it would tell of episodes that are gone");
+}
+
+#[test]
+fn episodes_that_do_not_belong_together_are_named_with_their_files() {
+    let (dir, other) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
+    drop(four(dir.path()));
+    let mut dataset = Dataset::create_or_open(other.path(), "elsewhere").unwrap();
+    let there = EpisodeInfo { env: "elsewhere".into(), ..info(1) };
+    let mut recording = dataset.begin(there).unwrap();
+    recording.push(&StepRecord { state: Vec::new(), ..step(0) }).unwrap();
+    dataset.seal(recording, &frame(1), None).unwrap();
+    fs::copy(episode_file(other.path(), 0), episode_file(dir.path(), 4)).unwrap();
+    let message = refused(dir.path());
+    for name in ["\"dummy\"", "\"elsewhere\"", "file-000.parquet", "file-004.parquet"] {
+        assert!(message.contains(name), "{name}: {message}");
+    }
+    assert!(matches!(Dataset::open(dir.path()), Err(DatasetError::Mixed { .. })), "nor are they read as one");
+}
+
+#[test]
+fn why_an_episode_ended_is_kept() {
+    let dir = tempfile::tempdir().unwrap();
+    let mut dataset = Dataset::create_or_open(dir.path(), "dummy").unwrap();
+    let ends =
+        [(None, false, false), (Some(End::OutOfBounds), true, false), (Some(End::TimeLimit), true, true)];
+    for (end, ..) in ends {
+        let recording = record(&dataset, 1, 2);
+        dataset.seal(recording, &frame(2), end).unwrap();
+    }
+    for (idx, (_, done, truncated)) in ends.into_iter().enumerate() {
+        let episode = dataset.episode(idx).unwrap();
+        assert_eq!((episode.done, episode.truncated), (done, truncated));
+        let file = fs::read(episode_file(dir.path(), idx)).unwrap();
+        let table = Table::new(file).unwrap();
+        let column = |name| table.read::<BoolType>(&[name], 1).unwrap();
+        assert_eq!(column("next.done"), [false, done]);
+        assert_eq!(column("next.truncated"), [false, truncated]);
+        assert_eq!(column("next.terminated"), [false, done && !truncated]);
+    }
+}
+
+/// An episode of seed 7 and four steps, and a journal of seed 8, that the version before format 2 wrote.
+const OLD_EPISODE: &[u8] = include_bytes!("../../tests/golden/episode-format-1.parquet");
+const OLD_JOURNAL: &[u8] = include_bytes!("../../tests/golden/journal-format-1.journal");
+
+/// What an older version would have recorded.
+fn expected_old(number: usize, seed: u64, n_steps: usize) -> Episode {
+    let states = vec![Vec::new(); n_steps];
+    Episode { state_names: Vec::new(), states, ..expected(number, seed, n_steps) }
+}
+
+#[test]
+fn a_dataset_of_an_older_version_is_read_and_keeps_its_columns() {
+    let dir = tempfile::tempdir().unwrap();
+    put(dir.path(), "data/chunk-000/file-000.parquet", OLD_EPISODE);
+    put(dir.path(), "journal/00000000000000000000007.journal", OLD_JOURNAL);
+    let mut dataset = Dataset::create_or_open(dir.path(), "dummy").unwrap();
+    assert_eq!(fs::read(episode_file(dir.path(), 0)).unwrap(), OLD_EPISODE, "it stays as it is");
+    assert_eq!(dataset.recover(0).unwrap(), 1);
+    assert_eq!(seal(&mut dataset, 9, 2), 2, "what the car measures is left out");
+    let planned = std::iter::once(1..2).collect();
+    let known = [expected_old(0, 7, 4), Episode { planned, ..expected_old(1, 8, 3) }, expected_old(2, 9, 2)];
+    assert_eq!(dataset.episodes().map(Result::unwrap).collect::<Vec<_>>(), known);
+    let text = fs::read_to_string(dir.path().join("meta/info.json")).unwrap();
+    assert!(!text.contains("observation.state"), "all files have the same columns");
+    // Moved to another place it is written anew, with the columns that it had.
+    dataset.delete(1).unwrap();
+    fs::rename(episode_file(dir.path(), 0), episode_file(dir.path(), 5)).unwrap();
+    drop(dataset);
+    let dataset = Dataset::create_or_open(dir.path(), "dummy").unwrap();
+    assert_eq!(dataset.episode(1).unwrap(), expected_old(1, 7, 4));
+}
+
+#[test]
+fn notes_beyond_all_measure_are_refused_before_anything_is_allocated() {
+    let dir = tempfile::tempdir().unwrap();
+    drop(four(dir.path()));
+    let notes = super::sealed::open(&episode_file(dir.path(), 0)).unwrap();
+    let check = |notes: &Notes| limits::check_notes(notes, 3);
+    assert_eq!(check(&notes), Ok(()));
+    let odd: [fn(&mut Notes); 11] = [
+        |notes| notes.n_steps = usize::MAX,
+        |notes| notes.n_steps = 0,
+        |notes| notes.side = 60_000,
+        |notes| notes.side = 0,
+        |notes| notes.recording = "../../etc/passwd".into(),
+        |notes| notes.planned = vec![[2, 1]],
+        |notes| notes.planned = vec![[0, 4]],
+        |notes| notes.info.env = "x".repeat(1000),
+        |notes| notes.state = vec![String::new()],
+        |notes| drop(notes.stats.remove("action")),
+        |notes| notes.stats.get_mut("index").unwrap().max = Vec::new(),
+    ];
+    for change in odd {
+        let mut notes = notes.clone();
+        change(&mut notes);
+        assert!(check(&notes).is_err(), "{notes:?}");
+    }
+    let mut long = notes.clone();
+    (long.n_steps, long.side) = (limits::STEPS, limits::SIDE);
+    assert!(limits::check_notes(&long, limits::STEPS as i64).is_err(), "300 GB of frames");
+}
+
+#[test]
+fn no_bytes_make_the_readers_panic() {
+    let dir = tempfile::tempdir().unwrap();
+    drop(four(dir.path()));
+    let episode = fs::read(episode_file(dir.path(), 0)).unwrap();
+    let mut numbers = ChaCha8Rng::seed_from_u64(0);
+    for whole in [&episode, &OLD_EPISODE.to_vec(), &OLD_JOURNAL.to_vec()] {
+        for round in 0..std::env::var("ROUNDS").map_or(600, |r| r.parse().unwrap()) {
+            let mut bytes = whole.clone();
+            for _ in 0..=round % 4 {
+                let (at, byte) = (numbers.next_u64() as usize % bytes.len(), numbers.next_u64() as u8);
+                match round % 3 {
+                    0 => bytes[at] = byte,
+                    1 => bytes[at] ^= 1 << (byte % 8),
+                    _ => bytes.truncate(at.max(1)),
+                }
+            }
+            read_episode(bytes.clone()).ok();
+            // And where the checksum of the footer is made right.
+            if sign_footer(&mut bytes).is_ok() {
+                read_episode(bytes.clone()).ok();
+            }
+            read_journal(&bytes);
+        }
+    }
+    assert_eq!(read_episode(episode).unwrap(), expected(0, 10, 3));
 }

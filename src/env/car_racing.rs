@@ -3,7 +3,7 @@
 //! A step gives +10 where a new tile was entered, −1 off the road, else 0. Only leaving the field and the time limit
 //! end an episode. A [`CarRacing`] driven by recorded actions equals the Python environment step by step.
 
-use super::course::{Course, controls};
+use super::course::{Course, SENSORS, controls};
 use super::draw::{picture, state_image};
 use super::process::process;
 use super::trace::Traced;
@@ -60,6 +60,14 @@ impl Env for CarRacing {
         process(&self.raw_image())
     }
 
+    fn sensors(&self) -> &'static [&'static str] {
+        &SENSORS
+    }
+
+    fn state(&self) -> Vec<f32> {
+        self.course.state().to_vec()
+    }
+
     fn truth(&self) -> Truth {
         self.course.truth()
     }
@@ -90,5 +98,26 @@ impl Traced for CarRacing {
 
     fn raw_image(&self) -> Vec<u8> {
         state_image(&self.course.scene(true), RAW_SIDE)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_car_measures_what_it_does() {
+        let mut env = CarRacing::new(Seed::Native(0));
+        let resting = env.state();
+        assert_eq!((resting.len(), env.sensors().len()), (7, 7));
+        for t in 0..50 {
+            env.advance(if t < 40 { Action::new(0.0, 0.5, 0.0) } else { Action::new(-0.5, 0.1, 0.0) });
+        }
+        let state = env.state();
+        let &[speed, steering, yaw, ref wheels @ ..] = state.as_slice() else { panic!("seven numbers") };
+        assert_eq!(speed, env.truth().speed);
+        assert!(speed > resting[0] + 5.0, "it drives: {speed}");
+        assert!(steering > 0.2 && yaw > 0.1, "to the left: {steering}, {yaw}");
+        assert!(wheels.iter().all(|&speed| speed > 5.0), "on turning wheels: {wheels:?}");
     }
 }

@@ -27,6 +27,18 @@ const GRASS_REWARD: f32 = -1.0;
 const SCORE_PER_ACTION: f64 = 0.1;
 const SCORE_OF_ALL_TILES: f64 = 1000.0;
 
+/// What the agent's car measures: its speed in units a second, the angle of its front wheels in radians and its yaw rate
+/// in radians a second (both positive to the left), and how fast each wheel turns in radians a second.
+pub(super) const SENSORS: [&str; 7] = [
+    "speed",
+    "steering_angle",
+    "yaw_rate",
+    "wheel_speed.front_left",
+    "wheel_speed.front_right",
+    "wheel_speed.rear_left",
+    "wheel_speed.rear_right",
+];
+
 /// What a fixture belongs to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Part {
@@ -226,6 +238,15 @@ impl Course {
             [p.x, p.y, hull.angle(), v.x, v.y, hull.turn_rate()]
         };
         (0..self.cars.len()).map(state).collect()
+    }
+
+    /// What [`SENSORS`] of the agent's car measure: nothing that is known of the road.
+    pub(super) fn state(&self) -> [f32; SENSORS.len()] {
+        let (hull, wheels) = (self.hull(0), self.cars[0].wheels());
+        let [front_left, front_right, rear_left, rear_right] =
+            wheels.each_ref().map(|wheel| wheel.omega() as f32);
+        let steering_angle = self.world.joint_angle(wheels[0].joint());
+        [speed(hull) as f32, steering_angle, hull.turn_rate(), front_left, front_right, rear_left, rear_right]
     }
 
     /// What there is to draw.

@@ -65,6 +65,16 @@ pub trait Env: Send {
     /// What the models see of the present moment, processed (method §2.1).
     fn frame(&self) -> Frame;
 
+    /// The names of what the agent's car measures of itself, as a real one would; none where it measures nothing.
+    fn sensors(&self) -> &'static [&'static str] {
+        &[]
+    }
+
+    /// What [`sensors`](Self::sensors) measure at the present moment, in their order.
+    fn state(&self) -> Vec<f32> {
+        Vec::new()
+    }
+
     /// What the simulator knows of the agent's car: for scripted pilots and probes, never for the method.
     fn truth(&self) -> Truth;
 

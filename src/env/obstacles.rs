@@ -5,7 +5,7 @@
 
 use std::collections::HashSet;
 
-use super::course::{Course, Meeting, Part, controls, speed, wrap};
+use super::course::{Course, Meeting, Part, SENSORS, controls, speed, wrap};
 use super::draw::{picture, state_image};
 use super::random::ChoiceStream;
 use super::trace::Traced;
@@ -342,6 +342,14 @@ impl Env for ObstacleCarRacing {
 
     fn frame(&self) -> Frame {
         Frame::new(SIDE, self.raw_image())
+    }
+
+    fn sensors(&self) -> &'static [&'static str] {
+        &SENSORS
+    }
+
+    fn state(&self) -> Vec<f32> {
+        self.course.state().to_vec()
     }
 
     fn truth(&self) -> Truth {

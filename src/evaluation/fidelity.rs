@@ -15,6 +15,9 @@ pub const HORIZON: usize = 50;
 /// Steps of the real episode that the memory takes in before the dream.
 const WARM_UP: usize = 60;
 
+/// Episodes of at most so many steps have no stretch that can be compared.
+pub const LEAST: usize = WARM_UP + HORIZON + 1;
+
 /// The figures of a world model on held-out episodes.
 #[derive(Clone, Debug, Serialize)]
 pub struct Fidelity {

@@ -76,17 +76,17 @@ fn record_one(
 ) -> Result<Recorded, DatasetError> {
     env.reset(Seed::Native(info.seed));
     let mut pilot = ScriptedPilot::drawn(rng);
-    let mut recording = dataset.begin(info)?;
+    let mut recording = dataset.begin_with(info, env.sensors())?;
     let mut recorded = Recorded { k, ..Recorded::default() };
     let mut truth = env.truth();
-    loop {
-        let frame = env.frame();
+    let end = loop {
+        let (frame, state) = (env.frame(), env.state());
         let action = pilot.act(&truth, rng);
         let wall_time_ns = wall_time_ns();
         let outcome = env.advance(action);
         truth = env.truth();
         let (reward, grass, contacts) = (outcome.reward, outcome.events.grass, truth.contacts);
-        recording.push(&StepRecord { frame, action, reward, grass, contacts, wall_time_ns })?;
+        recording.push(&StepRecord { frame, action, reward, grass, contacts, wall_time_ns, state })?;
         let touched = contacts.unwrap_or_default();
         recorded.n_steps += 1;
         recorded.n_grass += usize::from(grass);
@@ -94,10 +94,10 @@ fn record_one(
         recorded.n_car += usize::from(touched.car);
         recorded.ret += outcome.reward;
         if outcome.end.is_some() {
-            break;
+            break outcome.end;
         }
-    }
-    recorded.number = dataset.seal(recording, &env.frame(), true)?;
+    };
+    recorded.number = dataset.seal(recording, &env.frame(), end)?;
     Ok(recorded)
 }
 
@@ -134,6 +134,14 @@ mod tests {
 
         fn frame(&self) -> Frame {
             Frame::new(1, [self.seed, self.time, 0])
+        }
+
+        fn sensors(&self) -> &'static [&'static str] {
+            &["time"]
+        }
+
+        fn state(&self) -> Vec<f32> {
+            vec![f32::from(self.time)]
         }
 
         fn truth(&self) -> Truth {
@@ -175,6 +183,15 @@ mod tests {
     }
 
     #[test]
+    fn what_the_car_measured_and_why_the_episode_ended_is_recorded() {
+        let (_dir, mut dataset) = dataset();
+        let episode = recorded(&mut dataset, 0..1, 7).remove(0);
+        assert_eq!(episode.state_names, ["time"]);
+        assert_eq!(episode.states.concat(), [0.0, 1.0, 2.0, 3.0, 4.0, 5.0], "before each action");
+        assert!(episode.done && episode.truncated, "its time was up");
+    }
+
+    #[test]
     fn a_stopped_run_goes_on_where_it_is_started_again() {
         let ((_dir, mut whole), (_other_dir, mut halves)) = (dataset(), dataset());
         let mut env = Clockwork { seed: 0, time: 0 };
@@ -201,8 +218,9 @@ mod tests {
             grass: false,
             contacts: None,
             wall_time_ns: 0,
+            state: vec![0.0],
         };
-        killed.begin(info).unwrap().push(&step).unwrap();
+        killed.begin_with(info, &["time"]).unwrap().push(&step).unwrap();
         drop(killed);
         let mut dataset = Dataset::create_or_open(killed_dir.path(), "clockwork").unwrap();
         assert_eq!(dataset.unfinished().len(), 1);

@@ -292,10 +292,11 @@ mod tests {
                     grass: (3..7).contains(&t),
                     contacts: None,
                     wall_time_ns: 1_795_342_500_000_000_000 + t as i64,
+                    state: Vec::new(),
                 };
                 recording.push(&step).unwrap();
             }
-            dataset.seal(recording, &frame(len), false).unwrap();
+            dataset.seal(recording, &frame(len), None).unwrap();
         }
     }
 

@@ -95,7 +95,7 @@ mod tests {
 
     use super::*;
     use crate::dataset::{EpisodeInfo, StepRecord};
-    use crate::env::{Action, Env as _};
+    use crate::env::{Action, End, Env as _};
     use crate::run::read_parameters;
     use crate::worker::toy::Wall;
     use crate::world_model::WorldModel;
@@ -110,11 +110,18 @@ mod tests {
             for t in 0..40 {
                 let (frame, action) = (wall.frame(), Action::new((t as f32).sin(), 0.0, 0.0));
                 wall.advance(action);
-                let step =
-                    StepRecord { frame, action, reward: 0.0, grass: false, contacts: None, wall_time_ns: 0 };
+                let step = StepRecord {
+                    frame,
+                    action,
+                    reward: 0.0,
+                    grass: false,
+                    contacts: None,
+                    wall_time_ns: 0,
+                    state: Vec::new(),
+                };
                 recording.push(&step).unwrap();
             }
-            dataset.seal(recording, &wall.frame(), true).unwrap();
+            dataset.seal(recording, &wall.frame(), Some(End::TimeLimit)).unwrap();
         }
     }
 

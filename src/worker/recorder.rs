@@ -118,7 +118,7 @@ impl Recorder<'_> {
     fn hear(&mut self, command: RecorderCommand) -> Result<(), DatasetError> {
         match command {
             RecorderCommand::Start { dataset, seed } => {
-                self.end(false)?;
+                self.end(None)?;
                 // One that could not be ended is not thrown away for the next.
                 if self.take.is_none() {
                     self.start(&dataset, seed)?;
@@ -147,7 +147,7 @@ impl Recorder<'_> {
                 self.show();
             }
             RecorderCommand::Beside(beside) => self.companion.ride_beside(beside),
-            RecorderCommand::Keep => self.end(false)?,
+            RecorderCommand::Keep => self.end(None)?,
             RecorderCommand::SaveIn(dataset) => self.save_in(&dataset),
             RecorderCommand::Discard => {
                 self.clock.stop();
@@ -181,13 +181,22 @@ impl Recorder<'_> {
         if self.take.is_some() || !dataset.join("journal").is_dir() {
             return Ok(None);
         }
-        Dataset::create_or_open(dataset, self.env_name).map(Some)
+        self.open(dataset).map(Some)
+    }
+
+    /// Opens the dataset for recording, and tells of what had to be moved out of it.
+    fn open(&self, dataset: &Path) -> Result<Dataset, DatasetError> {
+        let dataset = Dataset::create_or_open(dataset, self.env_name)?;
+        for damaged in dataset.damaged() {
+            self.reports.send(Report::LeftOut(damaged.to_string()));
+        }
+        Ok(dataset)
     }
 
     fn start(&mut self, dataset: &Path, seed: u64) -> Result<(), DatasetError> {
-        let dataset = Dataset::create_or_open(dataset, self.env_name)?;
+        let dataset = self.open(dataset)?;
         let info = EpisodeInfo { env: self.env_name.to_owned(), pilot: PILOT.to_owned(), seed };
-        let recording = dataset.begin(info)?;
+        let recording = dataset.begin_with(info, self.env.sensors())?;
         self.env.reset(Seed::Native(seed));
         self.take = Some(Take {
             dataset,
@@ -217,7 +226,7 @@ impl Recorder<'_> {
             None
         });
         take.action = planned.unwrap_or(hands);
-        let wall_time_ns = nanos_since_1970();
+        let (wall_time_ns, state) = (nanos_since_1970(), self.env.state());
         let outcome = self.env.advance(take.action);
         self.companion.acted(&take.frame, self.env.executed().unwrap_or(take.action));
         let step = StepRecord {
@@ -227,6 +236,7 @@ impl Recorder<'_> {
             grass: outcome.events.grass,
             contacts: self.env.truth().contacts,
             wall_time_ns,
+            state,
         };
         take.unsaved = Some(Unsaved { step, planned: planned.is_some(), end: outcome.end });
         self.write_down()
@@ -240,7 +250,7 @@ impl Recorder<'_> {
         let end = self.take.as_mut().and_then(|take| take.unsaved.take()?.end);
         self.show();
         self.show_beside();
-        if end.is_some() { self.end(true) } else { Ok(()) }
+        if end.is_some() { self.end(end) } else { Ok(()) }
     }
 
     /// Whether all that was driven is on disk under its name; where it cannot be, the clock stands, all of it is kept in
@@ -263,8 +273,12 @@ impl Recorder<'_> {
     /// Goes on with what is being driven in another dataset.
     fn save_in(&mut self, dir: &Path) {
         self.clock.stop();
+        if self.take.is_none() {
+            return;
+        }
+        let opened = self.open(dir);
         let Some(take) = &mut self.take else { return };
-        let moved = Dataset::create_or_open(dir, self.env_name).and_then(|dataset| {
+        let moved = opened.and_then(|dataset| {
             let recording = dataset.take_over(&take.recording)?;
             Ok((dataset, recording))
         });
@@ -282,8 +296,8 @@ impl Recorder<'_> {
         }
     }
 
-    /// Seals what was driven, unless that is nothing; `done` says whether the environment ended it.
-    fn end(&mut self, done: bool) -> Result<(), DatasetError> {
+    /// Seals what was driven, unless that is nothing; `end` is why the environment ended it, if it did.
+    fn end(&mut self, end: Option<End>) -> Result<(), DatasetError> {
         self.clock.stop();
         if !self.is_written_down() {
             return Ok(());
@@ -291,12 +305,12 @@ impl Recorder<'_> {
         let Some(Take { mut dataset, recording, frame, unsaved, .. }) = self.take.take() else {
             return Ok(());
         };
-        let done = done || unsaved.is_some_and(|unsaved| unsaved.end.is_some());
+        let end = end.or(unsaved.and_then(|unsaved| unsaved.end));
         let n_steps = recording.n_steps();
         if n_steps == 0 {
             return recording.discard();
         }
-        let episode = dataset.seal(recording, &frame, done).inspect_err(|_| {
+        let episode = dataset.seal(recording, &frame, end).inspect_err(|_| {
             // It stays in its journal, and is offered from there.
             self.reports.send(Report::Unfinished(1));
         })?;
@@ -384,6 +398,7 @@ mod tests {
 
         let episode = Dataset::open(dir.path()).unwrap().episode(0).unwrap();
         assert_eq!((episode.frames.len(), episode.done, episode.info.seed), (6, true, 9));
+        assert!(episode.truncated, "the wall ends when its time is up");
         assert_eq!(episode.actions, [Action::new(0.5, 1.0, 0.0); 5]);
         assert!(episode.frames.iter().enumerate().all(|(t, frame)| frame.rgb()[0] == t as u8));
         let (width, height, rgb) = view.take().unwrap().picture.unwrap();
@@ -437,6 +452,7 @@ mod tests {
             contacts: None,
             grass: false,
             wall_time_ns: 0,
+            state: Vec::new(),
         };
         dataset.begin(info).unwrap().push(&step).unwrap();
         drop(dataset);

@@ -123,7 +123,7 @@ pub enum Report {
         /// The mean of the members, the lowest and the highest, step by step.
         rewards: [Vec<f32>; 3],
     },
-    /// A recorded episode is left out of a fit; the sentence says why.
+    /// A recorded episode is left out of a fit, or out of the dataset from here on; the sentence says why.
     LeftOut(String),
     /// A world model is being trained.
     Modeling(Progress),

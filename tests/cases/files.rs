@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 
 use dropj::dataset::{Dataset, DatasetError, EpisodeInfo, StepRecord};
 use dropj::dream::{Dream, DreamEpisode};
-use dropj::env::{Action, Frame};
+use dropj::env::{Action, End, Frame};
 use dropj::query::{DreamId, Preference, Protocol, Query, QueryId, Response, SafetyAnswer, sample_queries};
 use dropj::session::{
     Answer, Choice, DreamSource, Event, Fit, Header, NewSession, SessionError, SessionStore, recent,
@@ -65,7 +65,7 @@ fn recordings(dir: &Path, n_episodes: u64, side: usize) {
         for _ in 0..3 {
             recording.push(&step(&frame)).unwrap();
         }
-        dataset.seal(recording, &frame, true).unwrap();
+        dataset.seal(recording, &frame, Some(End::TimeLimit)).unwrap();
     }
 }
 
@@ -77,6 +77,7 @@ fn step(frame: &Frame) -> StepRecord {
         grass: false,
         contacts: None,
         wall_time_ns: 0,
+        state: Vec::new(),
     }
 }
 
@@ -519,19 +520,20 @@ fn a_recording_whose_journal_is_replaced_goes_on_in_another_dataset() {
         let frame = Frame::new(20, vec![90; 3 * 20 * 20]);
         let dataset = Dataset::create_or_open(&dir.path().join("one"), "wall").unwrap();
         let info = EpisodeInfo { env: "wall".to_owned(), pilot: "nobody".to_owned(), seed: 4 };
-        let mut recording = dataset.begin(info.clone()).unwrap();
+        let mut recording = dataset.begin_with(info.clone(), &["speed"]).unwrap();
+        let step = StepRecord { state: vec![3.5], ..step(&frame) };
         for _ in 0..3 {
-            recording.push(&step(&frame)).unwrap();
+            recording.push(&step).unwrap();
         }
         happen(recording.path());
-        let refused = recording.push(&step(&frame)).unwrap_err();
+        let refused = recording.push(&step).unwrap_err();
         assert!(matches!(refused, DatasetError::Replaced { .. }), "{refused}");
         assert!(recording.check().is_err());
 
         let mut other = Dataset::create_or_open(&dir.path().join("other"), "wall").unwrap();
         let mut moved = other.take_over(&recording).unwrap();
-        moved.push(&step(&frame)).unwrap();
-        other.seal(moved, &frame, false).unwrap();
+        moved.push(&step).unwrap();
+        other.seal(moved, &frame, None).unwrap();
         recording.discard().unwrap();
         assert_eq!((other.len(0), other.info(0)), (4, &info));
     }

@@ -8,6 +8,7 @@
 mod program;
 
 mod compare;
+mod datasets;
 mod files;
 mod networks;
 mod numbers;

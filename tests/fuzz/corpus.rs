@@ -4,7 +4,7 @@ use std::path::Path;
 
 use dropj::dataset::{Dataset, EpisodeInfo, StepRecord};
 use dropj::dream::{Dream, DreamEpisode};
-use dropj::env::{Action, Contacts, Env as _, Seed};
+use dropj::env::{Action, Contacts, End, Env as _, Seed};
 use dropj::evaluation::EpisodeMetrics;
 use dropj::query::{Preference, Protocol, Response, SafetyAnswer, SkipReason, sample_queries};
 use dropj::reward::{RewardConfig, RewardEnsemble, SparseConfig, SparseReward};
@@ -108,20 +108,21 @@ pub(crate) fn episodes(dir: &Path) -> [Vec<u8>; 2] {
     let mut journal = Vec::new();
     for is_sealed in [true, false] {
         let info = EpisodeInfo { env: "dummy-road".to_owned(), pilot: "anna".to_owned(), seed: 3 };
-        let mut recording = dataset.begin(info).unwrap();
         let mut road = DummyRoad::default();
+        let mut recording = dataset.begin_with(info, road.sensors()).unwrap();
         road.reset(Seed::Native(3));
         for t in 0..24 {
-            let frame = road.frame();
+            let (frame, state) = (road.frame(), road.state());
             let action = Action::new((t as f32 * 0.3).sin(), 0.2, 0.0);
             let outcome = road.advance(action);
             let contacts = Some(Contacts::default());
             let (reward, grass) = (outcome.reward, outcome.events.grass);
-            let step = StepRecord { frame, action, reward, grass, contacts, wall_time_ns: 1_795_342_500 + t };
+            let wall_time_ns = 1_795_342_500 + t;
+            let step = StepRecord { frame, action, reward, grass, contacts, wall_time_ns, state };
             recording.push_by(&step, t > 15).unwrap();
         }
         if is_sealed {
-            dataset.seal(recording, &road.frame(), true).unwrap();
+            dataset.seal(recording, &road.frame(), Some(End::TimeLimit)).unwrap();
         } else {
             journal = std::fs::read(recording.path()).unwrap();
         }

@@ -4,6 +4,7 @@ use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
 use dropj::dataset::{Dataset, EpisodeInfo, StepRecord};
+use dropj::env::End;
 use dropj::session::{Answer, Event as SessionEvent, hand_on};
 use eframe::egui::DroppedFile;
 
@@ -160,12 +161,18 @@ fn recordings_sessions_and_world_models_are_taken_in_from_elsewhere() {
         let info = EpisodeInfo { env: env.to_owned(), pilot: "anna".to_owned(), seed: 1 };
         let mut recording = dataset.begin(info).unwrap();
         for t in 0..7 {
-            let (action, reward, wall_time_ns) = (Action::default(), 0.0, 0);
-            let step =
-                StepRecord { frame: frame(t), action, reward, contacts: None, grass: false, wall_time_ns };
+            let step = StepRecord {
+                frame: frame(t),
+                action: Action::default(),
+                reward: 0.0,
+                contacts: None,
+                grass: false,
+                wall_time_ns: 0,
+                state: Vec::new(),
+            };
             recording.push(&step).unwrap();
         }
-        dataset.seal(recording, &frame(7), true).unwrap();
+        dataset.seal(recording, &frame(7), Some(End::TimeLimit)).unwrap();
         folder
     };
     drop_on(&mut harness, &recordings("mine", "car-racing"));

@@ -50,6 +50,14 @@ impl Env for DummyRoad {
         Frame::new(SIDE as u32, rgb)
     }
 
+    fn sensors(&self) -> &'static [&'static str] {
+        &["wind"]
+    }
+
+    fn state(&self) -> Vec<f32> {
+        vec![self.wind]
+    }
+
     fn truth(&self) -> Truth {
         Truth { lateral: self.lateral, n_nodes: 300, ..Truth::default() }
     }

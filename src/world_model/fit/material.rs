@@ -27,7 +27,7 @@ impl Split {
         // DIFFERENCE: the authors split frames for vision, so that neighbors of held-out frames are trained on.
         let mut all: Vec<_> = (0..n).collect();
         all.shuffle(&mut ChaCha8Rng::seed_from_u64(seed));
-        let n_held_out = ((n as f64 * held_out).round() as usize).clamp(1.min(n), n.saturating_sub(1));
+        let n_held_out = ((n as f64 * held_out).round() as usize).max(1).min(n.saturating_sub(1));
         let train = all.split_off(n_held_out);
         Self { train, held_out: all }
     }
