@@ -8,3 +8,5 @@
 mod program;
 
 mod starting;
+#[cfg(target_os = "linux")]
+mod window;
