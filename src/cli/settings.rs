@@ -7,7 +7,7 @@ use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
 use dropj::run::replace_file;
-use dropj::ui::is_settings_file;
+use dropj::ui::SettingsFile;
 
 /// What the name of the copy ends in that was good at the last start.
 const LAST: &str = "last";
@@ -26,26 +26,37 @@ pub(crate) fn look_after(path: &Path) -> Option<String> {
             ));
         }
     };
-    if is_settings_file(&bytes) {
-        if fs::read(&last).ok().as_ref() != Some(&bytes)
-            && let Err(e) = replace_file(&last, &bytes)
-        {
-            log::warn!("the settings could not be copied: {e}: {last:?}");
+    let instead = match SettingsFile::of(&bytes) {
+        SettingsFile::Good => {
+            keep_copy(&last, &bytes);
+            return None;
         }
-        return None;
-    }
+        SettingsFile::Mended(mended) => {
+            Some((mended, "the size of the window or of what is in it made no sense, and is as at first"))
+        }
+        SettingsFile::Damaged => {
+            let good = fs::read(&last).ok().filter(|bytes| SettingsFile::of(bytes) == SettingsFile::Good);
+            good.map(|good| (good, "the settings could not be read, and those of the last start are used"))
+        }
+    };
     let aside = free_name(path);
     if let Err(e) = fs::rename(path, &aside) {
         return Some(format!(
             "the settings are damaged and could not be moved aside, so they will be overwritten: {e}: {path:?}"
         ));
     }
-    let good = fs::read(&last).ok().filter(|bytes| is_settings_file(bytes));
-    let are = match good.map(|bytes| replace_file(path, &bytes)) {
-        Some(Ok(())) => "those of the last start are used",
-        _ => "all are as at first",
-    };
-    Some(format!("the settings could not be read, and {are}; the damaged file is kept: {aside:?}"))
+    let is_done = instead.as_ref().is_some_and(|(bytes, _)| replace_file(path, bytes).is_ok());
+    let said = instead.map(|(_, said)| said).filter(|_| is_done);
+    let said = said.unwrap_or("the settings could not be read, and all are as at first");
+    Some(format!("{said}; the old file is kept: {aside:?}"))
+}
+
+/// Keeps the settings, which are good, for the next start.
+fn keep_copy(last: &Path, bytes: &[u8]) {
+    let is_there = fs::read(last).is_ok_and(|kept| kept == bytes);
+    if !is_there && let Err(e) = replace_file(last, bytes) {
+        log::warn!("the settings could not be copied: {e}: {last:?}");
+    }
 }
 
 /// A name beside `path` that nobody has.
@@ -93,6 +104,20 @@ mod tests {
             assert_eq!(fs::read(dir.path().join("app.ron.damaged-2")).unwrap(), damaged, "both are kept");
             assert_eq!(look_after(&path), None, "it is said once");
         }
+    }
+
+    #[test]
+    fn what_would_end_every_window_is_taken_out() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("app.ron");
+        let absurd = b"{\"preferences\":\"(theme:Dark)\",\"egui\":\"(options:(zoom_factor:NaN))\"}";
+        fs::write(&path, absurd).unwrap();
+        let said = look_after(&path).unwrap();
+        assert!(said.contains("made no sense") && said.contains("app.ron.damaged"), "{said}");
+        let mended = String::from_utf8(fs::read(&path).unwrap()).unwrap();
+        assert!(mended.contains("theme:Dark") && !mended.contains("NaN"), "{mended}");
+        assert_eq!(fs::read(dir.path().join("app.ron.damaged")).unwrap(), absurd);
+        assert_eq!(look_after(&path), None, "it is said once");
     }
 
     #[test]

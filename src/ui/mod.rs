@@ -61,7 +61,7 @@ pub use elsewhere::Elsewhere;
 pub use input::{Gilrs, InputSource, NoPads, PadButton, PadEvent, system_pads};
 pub use keys::{Deed, Keys};
 pub use pace::Budget;
-pub use preferences::{Preferences, Problem, is_settings_file, settings_file};
+pub use preferences::{Preferences, Problem, SettingsFile, settings_file};
 pub use state::{DreamStart, LoadedWorld};
 
 use dialog::Dialog;

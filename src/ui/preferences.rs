@@ -278,10 +278,66 @@ pub fn settings_file() -> Option<PathBuf> {
     eframe::storage_dir(super::NAME).map(|dir| dir.join("app.ron"))
 }
 
-/// Whether `bytes` are a file of settings that the window can read; one that it cannot, it would overwrite.
-pub fn is_settings_file(bytes: &[u8]) -> bool {
-    let Ok(text) = std::str::from_utf8(bytes) else { return false };
-    eframe::get_value::<BTreeMap<String, String>>(&Only(text.to_owned()), NAME).is_some()
+/// What a file of settings is good for.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum SettingsFile {
+    /// It can be used as it is.
+    Good,
+    /// It could be used without what makes no sense about the window itself, as here.
+    Mended(Vec<u8>),
+    /// It cannot be read; the window would take it for none, and overwrite it.
+    Damaged,
+}
+
+impl SettingsFile {
+    /// Looks at the content of one.
+    pub fn of(bytes: &[u8]) -> Self {
+        let text = std::str::from_utf8(bytes).ok().map(|text| Only(text.to_owned()));
+        let entries = text.and_then(|only| eframe::get_value::<BTreeMap<String, String>>(&only, NAME));
+        let Some(mut entries) = entries else { return Self::Damaged };
+        let n = entries.len();
+        entries.retain(|name, text| match name.as_str() {
+            // What these say is used before there is a window, and a scale that makes no sense is the end of it.
+            "egui" => has_sense(text, &["options", "zoom_factor"], ZOOMS),
+            "window" => {
+                let is_good = |axis| has_sense(text, &["normal_geometry", "inner_size_points", axis], SIZES);
+                is_good("x") && is_good("y") && has_sense(text, &["normal_geometry", "scale_factor"], SCALES)
+            }
+            _ => true,
+        });
+        if entries.len() == n {
+            return Self::Good;
+        }
+        let mut only = Only(String::new());
+        eframe::set_value(&mut only, NAME, &entries);
+        Self::Mended(only.0.into_bytes())
+    }
+}
+
+/// How much larger everything can be than the system says, as `egui` has it.
+const ZOOMS: RangeInclusive<f64> = 0.2..=5.0;
+/// What a screen can make of a point.
+const SCALES: RangeInclusive<f64> = 0.1..=20.0;
+/// Points from one side of a window to the other.
+const SIZES: RangeInclusive<f64> = 1.0..=100_000.0;
+
+/// Whether the number at this place of a text is in its range, if there is one.
+fn has_sense(text: &str, place: &[&str], range: RangeInclusive<f64>) -> bool {
+    let (fields, _) = fields_of(text);
+    let fields = fields.into_iter().filter_map(|field| Some((field.name, field.value?)));
+    let mut value = Value::Fields(fields.collect());
+    for name in place {
+        // `Some((x: 1))`.
+        while let Value::Call(_, values) = &mut value
+            && values.len() == 1
+        {
+            value = values.remove(0);
+        }
+        let Value::Fields(fields) = value else { return true };
+        let Some((_, inner)) = fields.into_iter().find(|(own, _)| own == name) else { return true };
+        value = inner;
+    }
+    !matches!(value, Value::Word(_)) || number(&value, range).is_ok()
 }
 
 /// What could not be used so far.
@@ -630,10 +686,37 @@ mod tests {
 
     #[test]
     fn a_damaged_file_is_told_from_a_whole_one() {
-        assert!(is_settings_file(b"{\"preferences\":\"(theme:Dark)\",}"));
-        assert!(is_settings_file(b"{}"), "one in which nothing is set");
+        assert_eq!(SettingsFile::of(b"{\"preferences\":\"(theme:Dark)\",}"), SettingsFile::Good);
+        assert_eq!(SettingsFile::of(b"{}"), SettingsFile::Good, "one in which nothing is set");
         for damaged in [&b""[..], b"{\"preferences\":\"(the", b"\xff\xfe{}", b"[1]", b"{} {}", b"\0\0\0\0"] {
-            assert!(!is_settings_file(damaged), "{damaged:?}");
+            assert_eq!(SettingsFile::of(damaged), SettingsFile::Damaged, "{damaged:?}");
+        }
+    }
+
+    #[test]
+    fn a_scale_that_ends_every_window_is_taken_out_and_the_rest_stays() {
+        let file = |egui: &str, window: &str| {
+            let entries = [("preferences", "(theme:Dark)"), ("egui", egui), ("window", window)];
+            let mut only = Only(String::new());
+            eframe::set_value(&mut only, NAME, &BTreeMap::from(entries));
+            only.0.into_bytes()
+        };
+        let (egui, window) = (
+            |zoom: &str| format!("(options:(theme_preference:Dark,zoom_factor:{zoom}),data:([]))"),
+            |x: &str| format!("(normal_geometry:(scale_factor:1.0,inner_size_points:(x:{x},y:820.0)))"),
+        );
+        assert_eq!(SettingsFile::of(&file(&egui("1.5"), &window("1280.0"))), SettingsFile::Good);
+        for zoom in ["NaN", "0.0", "inf", "-1.0", "1e9"] {
+            let SettingsFile::Mended(bytes) = SettingsFile::of(&file(&egui(zoom), &window("1280.0"))) else {
+                panic!("{zoom} is taken for a scale")
+            };
+            let text = String::from_utf8_lossy(&bytes);
+            assert!(!text.contains("zoom") && text.contains("theme:Dark") && text.contains("1280"), "{text}");
+            assert_eq!(SettingsFile::of(&bytes), SettingsFile::Good);
+        }
+        for size in ["NaN", "-5.0", "1e9"] {
+            let found = SettingsFile::of(&file(&egui("1.0"), &window(size)));
+            assert!(matches!(found, SettingsFile::Mended(_)), "{size}");
         }
     }
 

@@ -18,6 +18,9 @@ pub(crate) const MOMENT: f64 = 0.1;
 /// Pictures of the window in which it is drawn before that.
 const N_PICTURES: u64 = 2;
 
+/// Keys that wait for a picture of theirs at the most.
+const MOST_WAITING: usize = 4;
+
 /// A picture of the window: its number, and when it was begun, in seconds since the window opened.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct Picture {
@@ -90,7 +93,8 @@ impl App {
 /// Keys that were struck faster than the window draws.
 ///
 /// Each is heard in a picture of its own, in the order of striking: what one of them changes is so before the next one
-/// is heard, and buttons that are drawn first are not pressed first.
+/// is heard, and buttons that are drawn first are not pressed first. Whoever drums on the keys is not waited for: of more
+/// than [`MOST_WAITING`] the last ones are lost.
 #[derive(Debug, Default)]
 pub(super) struct Typing {
     waiting: VecDeque<(Picture, Event)>,
@@ -116,6 +120,7 @@ impl Typing {
         let mut is_taken = self.last == now.nr && now.nr > 0;
         for event in std::mem::take(events) {
             match event {
+                _ if goes_down(&event) && self.n_waiting() >= MOST_WAITING => {}
                 Event::Key { .. } | Event::Text(_) => self.waiting.push_back((now, event)),
                 other => {
                     is_taken |= self.waiting.is_empty() && matches!(other, Event::PointerButton { .. });
@@ -141,6 +146,10 @@ impl Typing {
     /// Whether there are keys that are yet to be heard.
     pub(super) fn is_waiting(&self) -> bool {
         !self.waiting.is_empty()
+    }
+
+    fn n_waiting(&self) -> usize {
+        self.waiting.iter().filter(|(_, event)| goes_down(event)).count()
     }
 }
 
@@ -213,6 +222,24 @@ mod tests {
         let mut events = Vec::new();
         assert_eq!(typing.one_by_one(&mut events, picture(7, 1.2), false), picture(6, 1.1));
         assert_eq!((down(&events), typing.is_waiting()), (vec![Key::S], false));
+    }
+
+    #[test]
+    fn who_drums_on_the_keys_is_soon_caught_up_with() {
+        let mut typing = Typing::default();
+        let mut events = Vec::new();
+        for nr in 1..100 {
+            events = vec![key(Key::A, true), key(Key::A, false), key(Key::D, true), key(Key::D, false)];
+            let heard = typing.one_by_one(&mut events, picture(nr, 0.1 * nr as f64), false);
+            assert!(nr - heard.nr <= MOST_WAITING as u64, "{heard:?} in picture {nr}");
+        }
+        assert_eq!(down(&events).len(), 1);
+        let left = (100..).take_while(|nr| {
+            let mut events = Vec::new();
+            typing.one_by_one(&mut events, picture(*nr, 0.1 * *nr as f64), false);
+            !down(&events).is_empty()
+        });
+        assert!(left.count() <= MOST_WAITING, "what waits is heard, and no more");
     }
 
     #[test]

@@ -14,3 +14,5 @@ mod networks;
 mod numbers;
 mod sessions;
 mod starting;
+#[cfg(target_os = "linux")]
+mod window;

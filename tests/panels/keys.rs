@@ -143,10 +143,8 @@ fn a_setting_that_cannot_be_used_takes_no_other_along_and_is_kept() {
         (harness.state().keys().of(Deed::Keep), harness.state().keys().of(Deed::Redo)),
         (Key::K, Key::R)
     );
-    let said =
-        harness.get_by_label_contains("Some settings could not be used").accesskit_node().label().unwrap();
-    for named in ["keys.Fly", "keys.Redo", "clip_speed", "preferences_kept"] {
-        assert!(said.contains(named), "{named} in {said}");
+    for named in ["keys.Fly", "keys.Redo", "clip_speed", "kept as preferences_kept"] {
+        harness.get_by_label_contains(named);
     }
     assert_eq!(kept.0["preferences_kept"], text, "all of it, as it was");
     let (harness, again) = with_settings(dir.path(), &kept.0["preferences"]);

@@ -46,6 +46,11 @@ const LABELING: Rows = &[
     (&[Deed::Slower, Deed::Faster], "slower, faster"),
 ];
 
+/// What is not a matter of keys.
+const ON_SEEING: &str = "A pair can be answered once it has been on the screen for a tenth of a second and two pictures of \
+    the window: a key that comes before is not taken. A dream or a recording pauses when the window loses the focus, and \
+    goes on when you say so; a drive by plan does not pause.";
+
 pub(super) fn help_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
     let modal = Modal::new(Id::unique("help")).frame(dialog_frame(ui)).show(ui.ctx(), |ui| {
         ui.set_width(620.0);
@@ -78,6 +83,7 @@ pub(super) fn help_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
             });
             ui.add_space(GAP);
             ui.label(tokens::small(ui, "Ctrl and 1 to 6 go to a panel; Ctrl+Z undoes an answer, Ctrl+Shift+Z or Ctrl+Y gives it back. Looking at a kept dream: Page Up and Page Down for others, Delete deletes it."));
+            ui.label(tokens::small(ui, ON_SEEING));
             ui.add_space(GAP);
             ui.label(tokens::small(ui, format!("dropj {} · drawn by {}", env!("CARGO_PKG_VERSION"), state.adapter)));
         });
