@@ -7,5 +7,6 @@
 #[path = "../support/program.rs"]
 mod program;
 
+mod format;
 mod networks;
 mod starting;
