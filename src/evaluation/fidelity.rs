@@ -6,7 +6,7 @@ use serde::Serialize;
 
 use crate::dataset::{Dataset, DatasetError};
 use crate::env::Frame;
-use crate::tensor::from_slice;
+use crate::tensor::{NotFinite, from_slice};
 use crate::world_model::{LatentState, Next, Noise, State, WorldModel, actions_tensor};
 
 /// Steps of a dream that is compared with what really came.
@@ -51,6 +51,17 @@ pub struct Stretch {
     pub imagined: Vec<Frame>,
 }
 
+/// Why nothing can be said of a world model.
+#[derive(Debug, thiserror::Error)]
+pub enum FidelityError {
+    /// The recordings cannot be read.
+    #[error(transparent)]
+    Dataset(#[from] DatasetError),
+    /// What it dreams is no number, and so no picture.
+    #[error("cannot say how true the world model is: {0}")]
+    NotFinite(NotFinite),
+}
+
 /// Compares `n` stretches of the episodes `held_out`, drawn by `seed`.
 pub fn fidelity(
     model: &WorldModel,
@@ -58,7 +69,7 @@ pub fn fidelity(
     held_out: &[usize],
     n: usize,
     seed: u64,
-) -> Result<(Fidelity, Vec<Stretch>), DatasetError> {
+) -> Result<(Fidelity, Vec<Stretch>), FidelityError> {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let mut stretches = Vec::new();
     for &episode in held_out.iter().cycle().take(n) {
@@ -83,11 +94,13 @@ pub fn fidelity(
                     Next::Sample { temperature: 1.0, noise: &noise }
                 };
                 state = model.imagine(&state, &actions_tensor(&[*action]), next);
+                let what = format!("step {} of a dream", zs.len());
+                state.require_finite(&what).map_err(FidelityError::NotFinite)?;
                 zs.push(LatentState::from(&state).z);
             }
-            model.decode(&from_slice(&zs.concat(), &[zs.len() as i64, -1]))
+            Ok::<_, FidelityError>(model.decode(&from_slice(&zs.concat(), &[zs.len() as i64, -1])))
         };
-        let (dreamed, imagined) = (go_on(false), go_on(true));
+        let (dreamed, imagined) = (go_on(false)?, go_on(true)?);
         let reconstructed = model.decode(&model.observe(&real));
         stretches.push(Stretch { real, reconstructed, dreamed, imagined });
     }

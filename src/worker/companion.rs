@@ -107,11 +107,13 @@ impl Companion {
     }
 
     /// Takes in what was done where `frame` was seen.
-    pub(super) fn acted(&mut self, frame: &Frame, action: Action) {
+    ///
+    /// Where that leads the dream beside to what is no number, it ends.
+    pub(super) fn acted(&mut self, frame: &Frame, action: Action) -> Result<(), NotFinite> {
         if let Some(agent) = &mut self.agent {
             agent.acted(action);
         }
-        let (Some(beside), Some(model)) = (self.beside, &self.model) else { return };
+        let (Some(beside), Some(model)) = (self.beside, &self.model) else { return Ok(()) };
         let is_old = |dream: &Shadow| beside.reset.is_some_and(|every| dream.since >= every);
         let dream = self.dream.take().filter(|dream| !is_old(dream)).unwrap_or_else(|| {
             let z = model.observe(std::slice::from_ref(frame));
@@ -120,7 +122,12 @@ impl Companion {
         // The mean and not a draw: what differs is what the model does not know, and not chance.
         let next = Next::Mean { temperature: TEMPERATURE };
         let state = model.imagine(&dream.state, &actions_tensor(&[action]), next);
-        self.dream = Some(Shadow { state, since: dream.since + 1 });
+        let since = dream.since + 1;
+        state
+            .require_finite(&format!("step {since} of the dream beside"))
+            .inspect_err(|_| self.beside = None)?;
+        self.dream = Some(Shadow { state, since });
+        Ok(())
     }
 
     /// What the dream shows where the real world shows `frame`.
@@ -177,7 +184,7 @@ mod tests {
         companion.ride_beside(Some(Beside { reset: Some(3) }));
         let mut views = Vec::new();
         for t in 0..5 {
-            companion.acted(&gray(10 * t), Action::new(0.0, 1.0, 0.0));
+            companion.acted(&gray(10 * t), Action::new(0.0, 1.0, 0.0)).unwrap();
             views.push(companion.view(usize::from(t), &gray(10)).unwrap());
         }
         assert_eq!(views.iter().map(|view| view.since).collect::<Vec<_>>(), [1, 2, 3, 1, 2]);

@@ -293,6 +293,27 @@ mod tests {
         inbox.into_iter().collect()
     }
 
+    #[test]
+    fn a_dream_ends_where_numbers_end_and_what_was_dreamed_is_kept() {
+        let (sender, heard) = channel();
+        sender.send(start(5)).unwrap();
+        sender.send(DreamerCommand::Pause(true)).unwrap();
+        (0..50).for_each(|_| sender.send(DreamerCommand::Step).unwrap());
+        drop(sender);
+        let (reports, inbox) = Reports::new(|| ());
+        let parameters = toy::exploding().parameters().clone();
+        let action = Latest::default();
+        dream(&heard, &reports, parameters, PlannerConfig::car_racing(), &action, &Latest::default())
+            .unwrap();
+        drop(reports);
+        let all: Vec<_> = inbox.into_iter().collect();
+        let [Report::Failed { message, .. }, Report::Dreamt { episode, .. }] = &all[..] else {
+            panic!("{all:?}")
+        };
+        assert!(message.contains(&format!("step {} of the dream", episode.len() + 1)), "{message}");
+        assert!(episode.zs.values.iter().all(|z| z.is_finite()) && !message.contains("bug"), "{message}");
+    }
+
     fn start(seed: u64) -> DreamerCommand {
         DreamerCommand::Start { start: toy::start(), seed, journal: None }
     }

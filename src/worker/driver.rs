@@ -237,6 +237,22 @@ mod tests {
     }
 
     #[test]
+    fn an_episode_in_which_nothing_can_be_planned_ends_without_figures() {
+        let (reports, inbox) = Reports::new(|| ());
+        let model = toy::exploding();
+        let config = PlannerConfig::car_racing();
+        let hash = model.hash();
+        let wall = Box::new(Wall::new(60));
+        let driver = spawn(wall, model.parameters().clone(), config, Latest::default(), &reports);
+        driver.send(reward(&hash));
+        driver.send(DriverCommand::Drive { seed: 3 });
+        let Report::Failed { message, .. } = inbox.recv().unwrap() else { panic!("another report") };
+        assert!(message.starts_with(GAVE_UP) && message.contains("NaN"), "{message}");
+        drop(driver);
+        assert!(inbox.try_iter().all(|report| !matches!(report, Report::Drove { .. })), "there are none");
+    }
+
+    #[test]
     fn an_episode_begins_with_the_first_reward_and_ends_with_its_figures() {
         let (reports, inbox) = Reports::new(|| ());
         let driver = driver(6, &Latest::default(), &reports);

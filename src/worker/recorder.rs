@@ -228,7 +228,10 @@ impl Recorder<'_> {
         take.action = planned.unwrap_or(hands);
         let (wall_time_ns, state) = (nanos_since_1970(), self.env.state());
         let outcome = self.env.advance(take.action);
-        self.companion.acted(&take.frame, self.env.executed().unwrap_or(take.action));
+        let executed = self.env.executed().unwrap_or(take.action);
+        if let Err(met) = self.companion.acted(&take.frame, executed) {
+            self.reports.fail(COMPANION, format!("the dream beside ends: {met}"));
+        }
         let step = StepRecord {
             frame: std::mem::replace(&mut take.frame, self.env.frame()),
             action: take.action,

@@ -13,6 +13,13 @@ pub(super) fn model() -> WorldModel {
     untrained(&WorldModelConfig::tiny(), &mut ChaCha8Rng::seed_from_u64(0))
 }
 
+/// One whose parameters are finite, and whose imagination is not for long.
+pub(super) fn exploding() -> WorldModel {
+    let head = model().parameters().tensor("mdn_rnn.head.weight").unwrap() * 1e38;
+    let parameters = model().parameters().with([("mdn_rnn.head.weight".to_owned(), head)]);
+    WorldModel::load(parameters).unwrap()
+}
+
 /// Where its dreams begin.
 pub(super) fn start() -> LatentState {
     LatentState { z: vec![0.1; 4], c: vec![0.0; 16], h: vec![0.0; 16] }

@@ -78,10 +78,11 @@ impl WorldModel {
 mod tests {
     use rand::SeedableRng as _;
     use rand_chacha::ChaCha8Rng;
+    use tch::{Device, Kind, nn};
 
     use super::*;
     use crate::tensor::from_slice;
-    use crate::world_model::{Layer, VaeConfig, untrained};
+    use crate::world_model::{Layer, MdnRnn, Vae, VaeConfig, untrained};
 
     /// A model with layers that lie as matrices in memory.
     fn large() -> WorldModel {
@@ -106,6 +107,28 @@ mod tests {
         assert!(again.is(&model.hash()), "either way");
         let z = from_slice(&[0.3, -0.2, 0.9, 0.1], &[1, 4]);
         assert_eq!(again.decode(&z), model.decode(&z));
+    }
+
+    /// What the file must hold is told before networks are made, and so apart from how they are made.
+    #[test]
+    fn networks_have_the_parameters_that_are_told_of_them() {
+        let rng = &mut ChaCha8Rng::seed_from_u64(0);
+        for config in
+            [WorldModelConfig::tiny(), WorldModelConfig::car_racing(), WorldModelConfig::obstacle_compact()]
+        {
+            assert_eq!(config.check(), Ok(()));
+            let (vision, memory) = (nn::VarStore::new(Device::Cpu), nn::VarStore::new(Device::Cpu));
+            Vae::new(&vision.root(), config.vae.clone(), Kind::Float, rng);
+            MdnRnn::new(&memory.root(), config.mdn_rnn.clone(), rng);
+            for (store, slots) in [(vision, config.vae.slots()), (memory, config.mdn_rnn.slots())] {
+                let variables = store.variables();
+                assert_eq!(variables.len(), slots.len());
+                for slot in &slots {
+                    assert_eq!(variables[&slot.name].size(), slot.shape_in_memory(), "{}", slot.name);
+                }
+            }
+        }
+        assert_eq!(WorldModelConfig::obstacle_car_racing().check(), Ok(()));
     }
 
     #[test]

@@ -56,7 +56,8 @@ fn session(model: &WorldModel, dir: &Path, n_old: usize) -> SessionStore {
     let mut store = SessionStore::create(dir, header).unwrap();
     for (seed, start) in (0..3).zip(model.starts()) {
         let mut dream = Dream::new(start, seed);
-        (0..300).for_each(|_| dream.step(model, Action::new(0.0, 0.1, 0.0), rng).unwrap());
+        (0..300)
+            .for_each(|_| dream.step(model, Action::new(0.0, 0.1, 0.0), rng).expect("numbers stay numbers"));
         store.save_dream(&dream.finish(), DreamSource::Simulated).unwrap();
     }
     let lens = store.session().dream_lens();

@@ -106,7 +106,7 @@ fn dream_step_and_picture(bencher: Bencher<'_, '_>) {
     let start = LatentState { z: vec![0.1; 32], c: vec![0.1; 256], h: vec![0.1; 256] };
     let (mut dream, mut rng) = (Dream::new(&start, 0), rng());
     bencher.bench_local(|| {
-        dream.step(&model, Action::default(), &mut rng).unwrap();
+        dream.step(&model, Action::default(), &mut rng).expect("numbers stay numbers");
         dream.frame(&model)
     });
 }
@@ -147,5 +147,7 @@ fn obstacle_plan_15_times_15(bencher: Bencher<'_, '_>, on: (&str, i32)) {
     let n_features = model.config().n_features();
     let reward = RewardEnsemble::new(n_features, "sha256:0", RewardConfig::car_racing(), &mut rng);
     let (reward, config) = (reward.frozen(), PlannerConfig::obstacle_car_racing());
-    bencher.bench_local(|| plan(&model, &reward, &state, &config, &mut rng).unwrap().chosen);
+    bencher.bench_local(|| {
+        plan(&model, &reward, &state, &config, &mut rng).expect("numbers stay numbers").chosen
+    });
 }

@@ -10,6 +10,7 @@ mod program;
 mod compare;
 mod datasets;
 mod files;
+mod format;
 mod networks;
 mod numbers;
 mod sessions;

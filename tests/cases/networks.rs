@@ -1,18 +1,22 @@
 //! Files of networks and arrays: crafted, damaged, of another width, not of numbers, or of an earlier layout.
 
+use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 
+use dropj::dataset::{Dataset, EpisodeInfo, StepRecord};
 use dropj::dream::{Dream, DreamEpisode};
-use dropj::env::Action;
+use dropj::env::{Action, Frame};
 use dropj::query::{Protocol, QueryId, Response, SafetyAnswer, SegmentRef};
 use dropj::reward::{
     LearnedReward, RewardConfig, RewardEnsemble, RewardModel as _, SparseConfig, SparseReward,
 };
+use dropj::run::Run;
 use dropj::session::arrays::{dream_from_bytes, dream_to_bytes};
 use dropj::session::{Answer, Choice, DreamSource, Event, Fit, Header, OpenedSession, SessionStore};
 use dropj::simulate::probe::Probe;
 use dropj::tensor::container::{self, Container, Part};
 use dropj::tensor::{Dtype, Parameters, from_slice, sha256, to_vec};
+use dropj::world_model::fit::{FitConfig, FitError, fit_world};
 use dropj::world_model::{
     LatentState, Layer, MdnRnnConfig, VaeConfig, WorldModel, WorldModelConfig, untrained,
 };
@@ -107,11 +111,11 @@ fn sizes_that_cannot_be_are_refused_before_anything_is_made() {
         ("latents", &["mdn_rnn", "latent"], json!(16)),
         ("kernel", &["vae", "side"], json!(1)),
         ("side", &["vae", "side"], json!(-84)),
-        ("side", &["vae", "side"], json!(1i64 << 40)),
+        ("side", &["vae", "side"], json!(1_u64 << 40)),
         ("side", &["vae", "side"], json!(85)),
         ("stride", &["vae", "encoder", "0", "stride"], json!(0)),
         ("stride", &["vae", "decoder", "1", "stride"], json!(-3)),
-        ("kernel", &["vae", "encoder", "1", "kernel"], json!(1i64 << 50)),
+        ("kernel", &["vae", "encoder", "1", "kernel"], json!(1_u64 << 50)),
         ("padding", &["vae", "encoder", "1", "padding"], json!(i64::MAX)),
         ("channels", &["vae", "encoder", "0", "channels"], json!(0)),
         ("channels", &["vae", "encoder", "0", "channels"], json!(i64::MAX)),
@@ -295,8 +299,7 @@ fn a_dream_that_does_not_fit_is_refused_by_whoever_reads_it() {
     nan.zs.values.fill(f32::NAN);
     let marked = DreamEpisode { unsafe_marks: vec![5, 1_000_000], ..whole.clone() };
     let (from, to) = (30, 3);
-    let planned = std::iter::once(from..to).collect();
-    let inverted = DreamEpisode { planned, ..whole.clone() };
+    let inverted = DreamEpisode { planned: vec![from..to, to..from], ..whole.clone() };
     let beyond = DreamEpisode { planned: vec![3..9, 1_000_000..10_000_000], ..whole.clone() };
     let cases = [
         ("2 latents", &narrow),
@@ -315,14 +318,14 @@ fn a_dream_that_does_not_fit_is_refused_by_whoever_reads_it() {
         }
         // The window reads what it can, and says what it cannot.
         let store = SessionStore::open(&dir, Some(model.identity())).unwrap();
-        let opened = OpenedSession::read(store, &mut |_, _| std::ops::ControlFlow::Continue(())).unwrap();
+        let opened = OpenedSession::read(store, &mut |_, _| ControlFlow::Continue(())).unwrap();
         let [first, second] = [0, 1].map(|i| opened.dreams[i].1.as_ref().map_err(ToString::to_string));
         assert!(second.is_ok() && first.unwrap_err().contains(said));
         // So it does where the world model is known only later.
         let store = SessionStore::open(&dir, None);
         drop(opened);
         let store = store.or_else(|_| SessionStore::open(&dir, None)).unwrap();
-        let opened = OpenedSession::read(store, &mut |_, _| std::ops::ControlFlow::Continue(()));
+        let opened = OpenedSession::read(store, &mut |_, _| ControlFlow::Continue(()));
         let mut opened = opened.unwrap();
         opened.meet(model.identity()).unwrap();
         assert!(opened.dreams[0].1.as_ref().unwrap_err().to_string().contains(said));
@@ -551,6 +554,84 @@ fn networks_are_stored_in_two_bytes_where_that_is_asked() {
     let refused = dropj(dir.path(), args);
     assert!(refused.refused().contains("mdn_rnn.head.weight"), "{refused:?}");
     assert!(!dir.path().join("half.safetensors").exists(), "nothing is left");
+}
+
+/// Three episodes of gray pictures.
+fn recordings(dir: &Path) -> Dataset {
+    let env = WorldModelConfig::tiny().env;
+    let mut dataset = Dataset::create_or_open(dir, &env).unwrap();
+    for seed in 0..3_u64 {
+        let frame = |t: usize| Frame::new(20, vec![(5 * t) as u8; 1200]);
+        let info = EpisodeInfo { env: env.clone(), pilot: "nobody".to_owned(), seed };
+        let mut recording = dataset.begin(info).unwrap();
+        for t in 0..40 {
+            let action = Action::new((t as f32).sin(), 0.0, 0.0);
+            let (grass, contacts) = (false, None);
+            let step = StepRecord { frame: frame(t), action, reward: 0.0, grass, contacts, wall_time_ns: 0 };
+            recording.push(&step).unwrap();
+        }
+        dataset.seal(recording, &frame(40), true).unwrap();
+    }
+    drop(dataset);
+    Dataset::open(dir).unwrap()
+}
+
+/// A fit of so many short epochs of each network in the folder `run`.
+fn fit(
+    dataset: &Dataset,
+    run: &Path,
+    resume: bool,
+    n_epochs: usize,
+    rate: f64,
+) -> Result<Parameters, FitError> {
+    tch::set_num_threads(1);
+    let mut fit = FitConfig::tiny();
+    for schedule in [&mut fit.vae, &mut fit.mdn_rnn] {
+        (schedule.max_epochs, schedule.updates_per_epoch) = (n_epochs, 3);
+    }
+    fit.vae.learning_rate = rate;
+    let run = Run::open(run, resume).unwrap();
+    fit_world(dataset, &WorldModelConfig::tiny(), &fit, &run, &mut |_| ControlFlow::Continue(()))
+}
+
+#[test]
+fn a_fit_ends_at_the_first_number_that_is_none() {
+    let dir = tempfile::tempdir().unwrap();
+    let dataset = recordings(&dir.path().join("data"));
+    let run = dir.path().join("run");
+    let met = fit(&dataset, &run, false, 2, 1e30).unwrap_err().to_string();
+    assert!(met.contains("vision at update 2 of epoch 1") && met.contains("NaN"), "{met}");
+    let kept = std::fs::read_dir(&run).unwrap().filter_map(Result::ok).map(|item| item.file_name());
+    assert!(
+        kept.into_iter().all(|name| !name.to_string_lossy().ends_with("safetensors")),
+        "nothing of it is kept"
+    );
+}
+
+#[test]
+fn checkpoints_of_the_earlier_layout_are_gone_on_from() {
+    let dir = tempfile::tempdir().unwrap();
+    let dataset = recordings(&dir.path().join("data"));
+    let run = dir.path().join("run");
+    fit(&dataset, &run, false, 1, 1e-3).unwrap();
+    let (whole, copy) = (fit(&dataset, &run, true, 1, 1e-3).unwrap(), dir.path().join("copy"));
+    std::fs::rename(&run, &copy).unwrap();
+    let mut n_marks = 0;
+    for item in std::fs::read_dir(&copy).unwrap() {
+        let path = item.unwrap().path();
+        // As they were written before there was a mark; of the toy's networks nothing else was otherwise.
+        let mark = br#"{\"layout\":2,"#;
+        let none = format!("{{{}", " ".repeat(mark.len() - 1));
+        let mut bytes = std::fs::read(&path).unwrap();
+        while let Some(at) = bytes.windows(mark.len()).position(|bytes| bytes == mark) {
+            bytes[at..at + mark.len()].copy_from_slice(none.as_bytes());
+            n_marks += 1;
+        }
+        std::fs::write(&path, bytes).unwrap();
+    }
+    assert_eq!(n_marks, 4, "the last and the best of each network");
+    assert_eq!(fit(&dataset, &copy, true, 1, 1e-3).unwrap().bytes(), whole.bytes());
+    assert!(fit(&dataset, &copy, true, 2, 1e-3).is_ok(), "and trained on");
 }
 
 /// Bytes with some of them changed, most often in the header, where the sense is.
