@@ -415,4 +415,6 @@ impl Session {
 }
 
 #[cfg(test)]
+mod schema;
+#[cfg(test)]
 mod tests;

@@ -4,6 +4,7 @@ use std::path::Path;
 use std::sync::mpsc::{Receiver, channel};
 
 use crate::session::{Recent, latest};
+use crate::text::shown;
 use crate::ui::App;
 use crate::ui::act::counted;
 use crate::ui::state::RecentSession;
@@ -100,7 +101,7 @@ fn look(sessions: &Path, hash: &str, mut tell: impl FnMut(Vec<RecentSession>) ->
 
 /// A session in the window of the world model with hash `hash`.
 fn described(recent: Recent, hash: &str) -> RecentSession {
-    let name = recent.dir.file_name().map_or_else(String::new, |name| name.to_string_lossy().into_owned());
+    let name = recent.dir.file_name().map_or_else(String::new, |name| shown(&name.to_string_lossy()));
     let about = match &recent.session {
         Ok((header, _)) if !hash.is_empty() && header.world_model != hash => {
             Err("dreamed with another world model: load that one first".to_owned())
