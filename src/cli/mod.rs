@@ -240,7 +240,7 @@ mod tests {
 
     #[test]
     fn what_the_parser_refuses_is_one_sentence() {
-        let refused = Cli::try_parse_from(["dropj", "merge", "a"]).unwrap_err().to_string();
+        let refused = Cli::try_parse_from(["dropj", "merge", "a", "b"]).unwrap_err().to_string();
         let said = refusal(&refused);
         let first = said.lines().next().unwrap();
         assert!(first.contains("--out") && !said.starts_with("error"), "{said}");

@@ -8,6 +8,7 @@ use dropj::planner::synthesis::SynthesisConfig;
 use dropj::reward::RewardConfig;
 use dropj::session::SessionStore;
 use dropj::tensor::from_slice;
+use dropj::text::shown;
 use dropj::ui::{self, DreamStart, FirstWorld, LoadedWorld, Plans, Startup, Threads, system_pads};
 use dropj::world_model::fit::FitConfig;
 
@@ -72,7 +73,7 @@ fn load(path: &Path, is_shipped: bool, env: EnvName) -> Result<LoadedWorld, Stri
     let name = if is_shipped {
         "the shipped one".to_owned()
     } else {
-        path.file_name().unwrap_or_default().to_string_lossy().into_owned()
+        shown(&path.file_name().unwrap_or_default().to_string_lossy())
     };
     let config = model.config();
     let card = vec![

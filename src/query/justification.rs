@@ -13,6 +13,9 @@ pub enum JustificationError {
     /// The list is empty.
     #[error("there must be at least one justification, the default")]
     Empty,
+    /// The list is longer than their numbers reach.
+    #[error("there can be 256 justifications at the most, and these are {0}")]
+    TooMany(usize),
     /// Two entries share a name.
     #[error("the justification {0:?} is named twice")]
     Twice(String),
@@ -65,6 +68,9 @@ impl Justifications {
             named.into_iter().map(|(name, weight)| (name.into(), weight)).collect();
         if named.is_empty() {
             return Err(JustificationError::Empty);
+        }
+        if named.len() > 256 {
+            return Err(JustificationError::TooMany(named.len()));
         }
         for (i, (name, weight)) in named.iter().enumerate() {
             if named[..i].iter().any(|(other, _)| other == name) {

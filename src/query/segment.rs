@@ -20,6 +20,7 @@ pub struct QueryId(pub u32);
 
 /// [`SEGMENT_LEN`] consecutive steps of a dream: a view, never a copy.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct SegmentRef {
     /// Which dream.
     pub dream: DreamId,

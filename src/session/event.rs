@@ -284,7 +284,7 @@ impl Entry {
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::*;
     use crate::query::{Justification, Preference, SafetyAnswer, Verdict};
 
@@ -352,7 +352,8 @@ mod tests {
         ]
     }
 
-    fn lines() -> Vec<String> {
+    /// A line of each kind.
+    pub(in crate::session) fn lines() -> Vec<String> {
         let entry = |(seq, event)| Entry { event, seq: seq as u64, at: 1_795_342_500_000 };
         one_of_each().into_iter().enumerate().map(entry).map(|entry| entry.to_line()).collect()
     }

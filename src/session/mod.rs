@@ -419,4 +419,6 @@ impl Session {
 }
 
 #[cfg(test)]
+mod schema;
+#[cfg(test)]
 mod tests;

@@ -318,6 +318,9 @@ pub fn mend_log(
     for (line, text) in lines(bytes) {
         mending.line = line;
         let (entries, rest) = events_in(&text);
+        if entries.len() > 1 {
+            mending.note(format!("{} events stand in it, and each gets a line of its own", entries.len()));
+        }
         for entry in entries {
             mending.take(entry);
         }
@@ -330,7 +333,12 @@ pub fn mend_log(
         mending.line = 0;
         let _: Option<u32> = (0..MOST_DREAMS).find(|dream| mending.recover(*dream).is_none());
     }
-    mending.log
+    let mut log = mending.log;
+    let is_as_before = log.old.iter().copied().eq(0..log.entries.len() as u64);
+    if log.notes.is_empty() && !is_as_before {
+        log.notes.push(Note { line: None, what: "the lines are numbered anew".to_owned() });
+    }
+    log
 }
 
 /// The lines of a log with their numbers, without what means nothing.
@@ -653,7 +661,8 @@ mod tests {
         let notes = notes(&log);
         assert!(notes[0].0 == 4 && notes[0].1.contains("40 bytes that are no event"), "{notes:?}");
         assert!(notes[1] == (6, "left out: 200 zeros, as a crash of the machine leaves them"), "{notes:?}");
-        assert_eq!(notes.len(), 3);
+        assert_eq!(notes[2], (8, "2 events stand in it, and each gets a line of its own"));
+        assert_eq!(notes.len(), 4);
     }
 
     #[test]
@@ -715,6 +724,14 @@ mod tests {
         let (log, session) = mended(&lines);
         assert_eq!(session.answers().len(), 3);
         assert_eq!(notes(&log), [(6, "from here on DROP is asked: the line that said so is lost")]);
+    }
+
+    #[test]
+    fn a_line_that_was_taken_out_is_missed() {
+        let mut lines = whole();
+        lines.remove(7);
+        let (log, session) = mended(&lines);
+        assert_eq!((session.answers().len(), notes(&log)), (2, vec![(0, "the lines are numbered anew")]));
     }
 
     #[test]

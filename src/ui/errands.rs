@@ -8,6 +8,7 @@ use eframe::egui::Context;
 use crate::dataset::Dataset;
 use crate::session::header::FILE as SESSION_FILE;
 use crate::session::{Annotators, Recent, Session, hand_on_in, look_at, merge_in, recent, share_dreams};
+use crate::text::{distinct, shown};
 use crate::ui::App;
 use crate::ui::act::counted;
 use crate::ui::command::{Command, Field, Panel};
@@ -179,10 +180,11 @@ impl App {
         self.run(ctx, "comparing annotators", move || {
             let found = recent(&sessions).map_err(|e| e.to_string())?;
             let others = found.iter().filter(|recent| !is_same(&recent.dir, &dir));
-            let others = others.filter_map(|recent| Some(&recent.session.as_ref().ok()?.1));
-            let others = others.filter(|other| share_dreams(&own, other)).map(|other| (None, other));
-            let all: Vec<_> = std::iter::once((None, &own)).chain(others).collect();
-            Ok(Outcome::Compared(dir, Annotators::of(&all)))
+            let others = others.filter_map(|recent| Some((&recent.dir, &recent.session.as_ref().ok()?.1)));
+            let others = others.filter(|(_, other)| share_dreams(&own, other));
+            let (dirs, all): (Vec<_>, Vec<_>) = std::iter::once((&dir, &own)).chain(others).unzip();
+            let named: Vec<_> = distinct(&dirs).into_iter().zip(all).collect();
+            Ok(Outcome::Compared(dir.clone(), Annotators::of_sessions(&named)))
         });
     }
 
@@ -197,7 +199,11 @@ impl App {
             let is_new = |dir: &&PathBuf| !found.iter().any(|known| is_same(&known.dir, dir));
             let new: Vec<_> = added.iter().filter(is_new).map(|dir| look_at(dir)).collect();
             found.extend(new);
-            let found = found.iter().map(|recent| described(recent, &is_ours, &added)).collect();
+            let found: Vec<_> = found.iter().map(|recent| described(recent, &is_ours, &added)).collect();
+            let names = distinct(&found.iter().map(|session| &session.dir).collect::<Vec<_>>());
+            let found = found.into_iter().zip(names);
+            let found =
+                found.map(|(session, name)| RecentSession { name: shown(&name), ..session }).collect();
             Ok(Outcome::Found(found, added.len()))
         });
     }
@@ -227,7 +233,7 @@ impl App {
             let handed = hand_on_in(&dir, &sessions, &annotator).map_err(|e| e.to_string())?;
             let n = handed.session().pending().count();
             let queries = if n == 1 { "1 query waits".to_owned() } else { format!("{n} queries wait") };
-            let said = format!("{queries} for {annotator} in {}", name(handed.dir()));
+            let said = format!("{queries} for {} in {}", shown(&annotator), name(handed.dir()));
             Ok(Outcome::Made(handed.dir().to_owned(), said))
         });
     }
@@ -278,12 +284,12 @@ fn described(recent: &Recent, is_ours: &dyn Fn(&str) -> bool, added: &[PathBuf])
 
 /// What a session holds, in a few words.
 fn holds(session: &Session) -> String {
-    let who: Vec<_> = session.annotators().into_keys().collect();
+    let who: Vec<_> = session.annotators().into_keys().map(shown).collect();
     let who = if who.is_empty() { String::new() } else { format!(" of {}", who.join(", ")) };
     let (n_dreams, n_answers) = (session.dreams().len(), session.statistics().n_answered);
     format!("{}, {}{who}", counted(n_dreams, "dream"), counted(n_answers, "answer"))
 }
 
 fn name(dir: &Path) -> String {
-    dir.file_name().map_or_else(|| dir.display().to_string(), |name| name.to_string_lossy().into_owned())
+    shown(&dir.file_name().map_or_else(|| dir.to_string_lossy(), |name| name.to_string_lossy()))
 }

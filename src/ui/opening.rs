@@ -6,6 +6,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use crate::session::{OpenedSession, SessionStore};
+use crate::text::shown;
 use crate::ui::App;
 use crate::ui::command::Panel;
 use crate::ui::errands::is_same;
@@ -33,7 +34,7 @@ pub(crate) struct BeingOpened {
 impl BeingOpened {
     /// The name of its folder.
     pub(crate) fn name(&self) -> String {
-        self.dir.file_name().map_or_else(String::new, |name| name.to_string_lossy().into_owned())
+        self.dir.file_name().map_or_else(String::new, |name| shown(&name.to_string_lossy()))
     }
 
     /// How far it is, in words.

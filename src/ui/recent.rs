@@ -4,6 +4,7 @@ use std::path::Path;
 use std::sync::mpsc::{Receiver, channel};
 
 use crate::session::{Recent, latest};
+use crate::text::shown;
 use crate::ui::App;
 use crate::ui::act::counted;
 use crate::ui::state::{RecentSession, is_called};
@@ -105,7 +106,7 @@ fn look(
 
 /// A session in the window of the world model that is called what `is_ours` says.
 fn described(recent: Recent, is_ours: &dyn Fn(&str) -> bool) -> RecentSession {
-    let name = recent.dir.file_name().map_or_else(String::new, |name| name.to_string_lossy().into_owned());
+    let name = recent.dir.file_name().map_or_else(String::new, |name| shown(&name.to_string_lossy()));
     let about = match &recent.session {
         Ok((header, _)) if !is_ours(&header.world_model) => {
             Err("dreamed with another world model: load that one first".to_owned())

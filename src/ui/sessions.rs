@@ -4,6 +4,7 @@ use std::ops::ControlFlow;
 
 use crate::query::Protocol;
 use crate::session::{Header, OpenedSession, SessionError, SessionStore, UnfinishedDream, now};
+use crate::text::shown;
 use crate::ui::App;
 use crate::ui::act::{counted, fresh_seed};
 use crate::ui::command::{Command, Panel};
@@ -69,7 +70,8 @@ impl App {
         (self.state.label, self.state.reward) = (self.state.label.anew(), Rewarding::default());
         if let Some(torn) = store.torn() {
             self.warn(format!(
-                "the last line of this session was cut short when the program ended: {torn:?}"
+                "the last line of this session was cut short when the program ended: {}",
+                shown(torn)
             ));
         }
         for (id, dream) in dreams {

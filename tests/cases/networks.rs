@@ -567,10 +567,18 @@ fn recordings(dir: &Path) -> Dataset {
         for t in 0..40 {
             let action = Action::new((t as f32).sin(), 0.0, 0.0);
             let (grass, contacts) = (false, None);
-            let step = StepRecord { frame: frame(t), action, reward: 0.0, grass, contacts, wall_time_ns: 0 };
+            let step = StepRecord {
+                frame: frame(t),
+                action,
+                reward: 0.0,
+                grass,
+                contacts,
+                wall_time_ns: 0,
+                state: Vec::new(),
+            };
             recording.push(&step).unwrap();
         }
-        dataset.seal(recording, &frame(40), true).unwrap();
+        dataset.seal(recording, &frame(40), Some(dropj::env::End::TimeLimit)).unwrap();
     }
     drop(dataset);
     Dataset::open(dir).unwrap()

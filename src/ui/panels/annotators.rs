@@ -3,6 +3,7 @@
 use eframe::egui::{RichText, Ui};
 
 use crate::session::AnnotatorReport;
+use crate::text::{shown, shown_within};
 use crate::ui::command::Command;
 use crate::ui::state::State;
 use crate::ui::tokens::{self, Tokens};
@@ -20,11 +21,11 @@ pub(super) fn card_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
         };
         let color = Tokens::of(ui).text;
         for one in &found.each {
-            ui.label(RichText::new(&one.name).size(13.5).color(color));
+            ui.label(RichText::new(shown(&one.name)).size(13.5).color(color));
             ui.label(tokens::small(ui, in_words(one)));
         }
         for ([one, other], agreement) in &found.pairs {
-            ui.label(RichText::new(format!("{one} and {other}")).size(13.5).color(color));
+            ui.label(RichText::new(format!("{} and {}", shown(one), shown(other))).size(13.5).color(color));
             let kappa = agreement.kappa.map_or_else(String::new, |kappa| format!(", κ {kappa:.2}"));
             let said = format!(
                 "{} of {} alike{kappa}, {} differ about safety",
@@ -32,6 +33,9 @@ pub(super) fn card_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
             );
             ui.label(tokens::small(ui, said))
                 .on_hover_text("Cohen's κ: 1 is agreeing always, 0 is what chance would do");
+        }
+        for note in &found.notes {
+            ui.label(tokens::small(ui, shown_within(note, 200)));
         }
         if found.pairs.is_empty() {
             ui.label(tokens::small(ui, "No two of them answered the same query"));

@@ -10,6 +10,7 @@ use eframe::egui::{
 
 use crate::env::MAX_STEPS;
 use crate::query::Protocol;
+use crate::text::shown;
 use crate::ui::act::counted;
 use crate::ui::command::{Command, Panel};
 use crate::ui::state::State;
@@ -213,7 +214,7 @@ fn session_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
     let (name, about) = match (&state.opening, &state.store) {
         (Some(opening), _) => (short_name(&opening.name()), format!("opening: {}", opening.progress())),
         (None, Some(store)) => {
-            let name = store.dir().file_name().map(|name| name.to_string_lossy().into_owned());
+            let name = store.dir().file_name().map(|name| shown(&name.to_string_lossy()));
             (short_name(&name.unwrap_or_default()), format!("{} session", state.protocol().name()))
         }
         _ => ("No session yet".to_owned(), "the first dream begins one".to_owned()),

@@ -5,6 +5,7 @@ use eframe::egui::{
     vec2,
 };
 
+use crate::text::shown;
 use crate::ui::act::counted;
 use crate::ui::command::{Command, Field};
 use crate::ui::elsewhere::Elsewhere;
@@ -64,7 +65,7 @@ pub(super) fn status_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>)
 fn annotator(state: &State) -> String {
     let typed = state.field(Field::Annotator).trim();
     let of_the_session = state.header().map_or("anonymous", |header| header.config.annotator.as_str());
-    if typed.is_empty() { of_the_session.to_owned() } else { typed.to_owned() }
+    shown(if typed.is_empty() { of_the_session } else { typed })
 }
 
 /// What is not on disk, and a way to put it there.
