@@ -1,5 +1,4 @@
 //! What a driver waits for (a plan: at most 5 ms) and what a user waits for (a fit: at most 10 s), with the paper's sizes.
-#![expect(clippy::unwrap_used, reason = "a bench that cannot go on ends")]
 
 use std::ops::ControlFlow;
 

@@ -1,7 +1,6 @@
 //! What a labeler and a researcher feel of the world model: a dream step with its picture, and a training update.
 //!
 //! One thread, unless the name says another number; compare figures of one run only.
-#![expect(clippy::unwrap_used, reason = "a bench that cannot go on ends")]
 
 use divan::Bencher;
 use dropj::dream::Dream;
