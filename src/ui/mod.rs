@@ -60,6 +60,7 @@ pub use pace::Budget;
 pub use state::{DreamStart, LoadedWorld};
 
 use dialog::Dialog;
+use elsewhere::Watching;
 use errands::Errand;
 use input::Hands;
 use opening::{Opening, Reading};
@@ -124,6 +125,8 @@ pub struct App {
     unheard: Vec<Report>,
     sessions: PathBuf,
     dialog: Option<Dialog>,
+    /// Who looks at where the session is while nothing is drawn.
+    watching: Option<Watching>,
     /// Work on files that somebody waits for.
     errand: Option<Errand>,
     next_toast: u64,
@@ -196,6 +199,7 @@ impl App {
             unheard: Vec::new(),
             sessions: startup.sessions,
             dialog: None,
+            watching: None,
             errand: None,
             next_toast: 0,
             pace,
