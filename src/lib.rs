@@ -17,7 +17,7 @@
 //! | [`text`] | names and cells of tables shown safely, paths told apart, encodings | text of others is never taken for ours |
 //! | [`env`](mod@env) | physics, tracks, drawing, reward events | knows no tensor; a seed and the actions decide everything |
 //! | [`tensor`] | rank checks, initialization, conversions | the only place that copies between Rust memory and torch |
-//! | [`run`] | the folder of a long job; files written whole | a file is as before or as wanted, never in between |
+//! | [`run`] | outputs: files written whole, files that grow, folders, the folder of a long job | a file is as before or as wanted, never in between; what is not ours stays |
 //! | [`dataset`] | real episodes on disk: journal, sealed files, streaming reads | memory stays flat however many episodes |
 //! | [`world_model`] | VAE, MDN-RNN, their fitting | knows no window or clock; the only place that knows the order `[z \| c \| h]` |
 //! | [`query`] | segments and transitions, what can be asked and answered, how pairs are chosen, labels | plain data: no tensor |

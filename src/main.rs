@@ -9,6 +9,7 @@ use clap::Parser as _;
 
 fn main() -> ExitCode {
     set_around_libtorch();
+    outlive_full_disks();
     env_logger::Builder::from_env(env_logger::Env::default().default_filter_or("warn")).init();
     let asked = match cli::Cli::try_parse() {
         Ok(asked) => asked,
@@ -55,6 +56,18 @@ fn set_around_libtorch() {
         log::debug!("went on with what was set: {error}");
     }
 }
+
+/// Has a limit on the size of files, as quotas set it, be an error like that of a full disk, and not the end of the program.
+#[cfg(unix)]
+fn outlive_full_disks() {
+    let heard = std::sync::Arc::default();
+    if let Err(error) = signal_hook::flag::register(signal_hook::consts::SIGXFSZ, heard) {
+        log::debug!("a file that grows too large will end the program: {error}");
+    }
+}
+
+#[cfg(not(unix))]
+fn outlive_full_disks() {}
 
 #[cfg(not(unix))]
 fn set_around_libtorch() {}

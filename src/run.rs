@@ -89,6 +89,14 @@ pub enum RunError {
         /// Where it is.
         path: PathBuf,
     },
+    /// A file could not be put in its place, and is elsewhere.
+    #[error("{met}; what was to be written is in {path:?}")]
+    Rescued {
+        /// What was met.
+        met: Box<Self>,
+        /// Where it is.
+        path: PathBuf,
+    },
     /// A note cannot be read.
     #[error("cannot read the job's note: {met}; begin the job anew, without `--resume`: {path:?}")]
     Note {

@@ -19,7 +19,7 @@ pub(crate) struct Options {
     /// The folder of recorded episodes
     #[arg(long)]
     data: PathBuf,
-    /// The file to write; checkpoints and metrics go into a folder beside it
+    /// The file to write; checkpoints and metrics go into a folder beside it, called as the file with .fit behind
     #[arg(long)]
     out: PathBuf,
     /// The networks' sizes; if not given, what suits the recorded world on this kind of machine

@@ -129,8 +129,20 @@ impl OutputFile {
     }
 
     /// Puts the file in its place, whole or not at all.
+    ///
+    /// Where that fails after all, what took long to make is put among the temporary files, and the error says where.
     pub fn write(self, bytes: &[u8]) -> Result<(), RunError> {
-        write_whole(&self.path, bytes)
+        let Err(met) = write_whole(&self.path, bytes) else { return Ok(()) };
+        let is_device = fs::metadata(&self.path).is_ok_and(|found| !found.is_file());
+        let rescued = self.path.file_name().filter(|_| !is_device).and_then(|name| {
+            let name = format!("dropj-{}-{}", std::process::id(), name.to_string_lossy());
+            let path = std::env::temp_dir().join(name);
+            replace_file(&path, bytes).ok().map(|()| path)
+        });
+        match rescued {
+            Some(path) => Err(RunError::Rescued { met: Box::new(met), path }),
+            None => Err(met),
+        }
     }
 }
 
@@ -265,6 +277,18 @@ mod tests {
         fs::write(&theirs, "mine").unwrap();
         replace_file(&path, b"a,b\n").unwrap();
         assert_eq!(fs::read(&theirs).unwrap(), b"mine");
+    }
+
+    #[test]
+    fn what_took_long_to_make_is_put_elsewhere_where_its_place_is_gone() {
+        let dir = tempfile::tempdir().unwrap();
+        let output = OutputFile::at(&dir.path().join("a/t.csv"), Kind::Table).unwrap();
+        fs::write(dir.path().join("a"), "in the way").unwrap();
+        let refused = output.write(b"a,b\n").unwrap_err();
+        let RunError::Rescued { ref path, .. } = refused else { panic!("{refused}") };
+        assert_eq!(fs::read(path).unwrap(), b"a,b\n");
+        assert!(refused.to_string().contains("a/t.csv"), "{refused}");
+        fs::remove_file(path).unwrap();
     }
 
     #[cfg(unix)]

@@ -125,6 +125,25 @@ fn has_name(_: &Metadata) -> bool {
     true
 }
 
+/// A file by its name, as it was when it was looked at.
+#[derive(Clone, Debug)]
+pub struct Named {
+    path: PathBuf,
+    identity: Option<(u64, u64)>,
+}
+
+impl Named {
+    /// What is at `path` now.
+    pub fn of(path: &Path) -> Self {
+        Self { path: path.to_owned(), identity: fs::metadata(path).ok().as_ref().map(identity) }
+    }
+
+    /// Whether the same is there still.
+    pub fn is_there(&self) -> bool {
+        Self::of(&self.path).identity == self.identity
+    }
+}
+
 /// Whether `path` still is the name of `file`; where the system cannot tell files apart, whether there is one.
 pub fn is_named(file: &File, path: &Path) -> io::Result<bool> {
     let there = match fs::metadata(path) {

@@ -8,6 +8,7 @@ use std::time::SystemTime;
 use crate::dream::DreamEpisode;
 use crate::planner::synthesis::Acquisition;
 use crate::query::DreamId;
+use crate::run::place::Named;
 use crate::run::{PARTIAL, check_folder, log_saved, remove_partials, sync_folder};
 use crate::session::error::SessionError;
 use crate::session::event::{DreamSource, Entry, Event, Fit, KeptDream};
@@ -148,6 +149,11 @@ impl SessionStore {
         let head = std::iter::once(self.dir.join(header::FILE));
         let gone = head.chain(self.files()).find(|path| !path.exists() && !self.missing.contains(path));
         gone.map_or(Ok(()), |path| Err(SessionError::Gone { path }))
+    }
+
+    /// What tells another thread whether the log still is under its name, and keeps nothing open.
+    pub fn watch(&self) -> Named {
+        Named::of(&self.dir.join(LOG_FILE))
     }
 
     /// What happened and could not be written down: it does not count yet.

@@ -1,6 +1,8 @@
 //! What is not on disk: it is said at once, kept in memory, and saved again or elsewhere when somebody says so.
 
 use std::path::{Path, PathBuf};
+use std::sync::mpsc::{RecvTimeoutError, Sender, channel};
+use std::time::Duration;
 
 use eframe::egui::{Context, ViewportCommand};
 
@@ -11,7 +13,7 @@ use crate::ui::act::counted;
 use crate::ui::command::{Command, Field, Panel};
 use crate::ui::crew::Order;
 use crate::ui::errands::is_same;
-use crate::worker::{DreamerCommand, RecorderCommand};
+use crate::worker::{DreamerCommand, Job, RecorderCommand};
 
 /// Seconds between two looks at whether the session still is where its name says.
 const LOOK_EVERY: f64 = 1.0;
@@ -38,6 +40,27 @@ pub(crate) struct Saving {
     look_at: f64,
     /// Whether whoever closes the window has been told that something is not on disk.
     is_warned: bool,
+}
+
+/// A thread that draws the window again where the session's log is no longer under its name.
+pub(super) struct Watching {
+    dir: PathBuf,
+    job: Job<()>,
+    /// Dropped, it ends the thread.
+    _wanted: Sender<()>,
+}
+
+impl Watching {
+    fn begin(ctx: &Context, store: &SessionStore) -> Self {
+        let (waker, watch) = (ctx.clone(), store.watch());
+        let (wanted, end) = channel::<()>();
+        let work = move || {
+            let every = Duration::from_secs_f64(LOOK_EVERY);
+            while watch.is_there() && end.recv_timeout(every) == Err(RecvTimeoutError::Timeout) {}
+        };
+        let job = Job::begin("watcher", move || waker.request_repaint(), work);
+        Self { dir: store.dir().to_owned(), job, _wanted: wanted }
+    }
 }
 
 impl App {
@@ -68,19 +91,38 @@ impl App {
     /// Looks from time to time whether the session still is where its name says, so that nobody is told it was saved
     /// where it is not.
     pub(super) fn look_at_session(&mut self, ctx: &Context) {
-        let Some(store) = &self.state.store else { return };
-        let (now, saving) = (self.state.now, &mut self.state.saving);
-        if now >= saving.look_at {
+        let Some(store) = &self.state.store else {
+            self.watching = None;
+            return;
+        };
+        let saving = &mut self.state.saving;
+        let watched = self.watching.as_mut().filter(|watching| watching.dir == store.dir());
+        let is_gone = if let Some(watching) = watched {
+            watching.job.poll().is_some()
+        } else {
+            self.watching = Some(Watching::begin(ctx, store));
+            false
+        };
+        let now = self.state.now;
+        if is_gone || now >= saving.look_at {
             saving.look_at = now + LOOK_EVERY;
-            match store.check() {
-                Err(e) if saving.trouble.is_none() => {
+            let (checked, is_told) = (store.check(), saving.trouble.is_some());
+            match checked {
+                Err(e) if !is_told => {
                     self.not_saved("this session is no longer saved under its name", &e.to_string());
                 }
                 Ok(()) if !self.is_unsaved() => self.state.saving.trouble = None,
+                Ok(()) if !is_told => {
+                    let why = "some of this session could not be written down yet";
+                    self.state.saving.trouble = Some(why.to_owned());
+                }
                 _ => {}
             }
         }
-        ctx.request_repaint_after_secs(2.0 * LOOK_EVERY as f32);
+        // What was put back is watched again.
+        if self.state.saving.trouble.is_none() && self.watching.as_ref().is_some_and(|it| it.job.is_over()) {
+            self.watching = None;
+        }
     }
 
     /// Whether something of the session is in memory alone, and would be lost with the window.
@@ -93,6 +135,7 @@ impl App {
 
     /// Says that nothing else can be opened before this is saved, or let go.
     pub(super) fn save_first(&mut self) {
+        self.state.sessions_open = false;
         let mut ways = saving_ways(Elsewhere::Session);
         ways.push(("Let it go".to_owned(), Command::ForgetUnsaved));
         self.fail_with("some of this session is not on disk yet: save that first".to_owned(), ways);
@@ -280,7 +323,7 @@ impl App {
     }
 
     /// Takes away what was said of something that is saved by now.
-    fn forget_troubles(&mut self) {
+    pub(super) fn forget_troubles(&mut self) {
         let is_of_saving = |(_, command): &(String, Command)| {
             matches!(command, Command::SaveElsewhere(_) | Command::SaveAgain | Command::ForgetUnsaved)
         };

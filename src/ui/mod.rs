@@ -65,6 +65,7 @@ pub use preferences::{Preferences, Problem, SettingsFile, settings_file};
 pub use state::{DreamStart, LoadedWorld};
 
 use dialog::Dialog;
+use elsewhere::Watching;
 use errands::Errand;
 use hear::Focus;
 use input::Hands;
@@ -136,6 +137,8 @@ pub struct App {
     unheard: Vec<Report>,
     sessions: PathBuf,
     dialog: Option<Dialog>,
+    /// Who looks at where the session is while nothing is drawn.
+    watching: Option<Watching>,
     /// Work on files that somebody waits for.
     errand: Option<Errand>,
     next_toast: u64,
@@ -243,6 +246,7 @@ impl App {
             unheard: Vec::new(),
             sessions: startup.sessions,
             dialog: None,
+            watching: None,
             errand: None,
             next_toast: 0,
             pace,

@@ -67,6 +67,7 @@ impl App {
         self.forget_workers();
         self.state.deploy.is_on = false;
         self.state.saving = Saving::default();
+        self.forget_troubles();
         (self.state.label, self.state.reward) = (self.state.label.anew(), Rewarding::default());
         if let Some(torn) = store.torn() {
             self.warn(format!(

@@ -437,6 +437,35 @@ mod tests {
         assert!(reports.is_empty(), "{reports:?}");
     }
 
+    #[cfg(unix)]
+    #[test]
+    fn a_dream_whose_journal_is_gone_is_told_of_once_and_goes_on_in_another() {
+        use crate::dream::DreamEpisode;
+        use crate::query::Protocol;
+        use crate::session::{DreamSource, Header, SessionStore};
+
+        let (first, second) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
+        let store = |dir: &std::path::Path| {
+            let header = Header::new("dummy-road", Protocol::Dropj, 1, &toy::model().hash(), 0);
+            SessionStore::create(&dir.join("s"), header).unwrap()
+        };
+        let (one, other) = (store(first.path()), store(second.path()));
+        let begun = DreamEpisode::new(toy::start(), 5);
+        let journal = |store: &SessionStore| store.journal(&begun, DreamSource::User).unwrap();
+        let (gone, kept) = (journal(&one), journal(&other));
+        first.close().unwrap();
+        let start = DreamerCommand::Start { start: toy::start(), seed: 5, journal: Some(gone) };
+        let step = || DreamerCommand::Step;
+        let commands =
+            [start, DreamerCommand::Pause(true), step(), step(), DreamerCommand::Journal(kept), step()];
+        let reports = reports_of(commands, &Latest::default());
+        let [Report::Unjournaled(why)] = &reports[..] else { panic!("{reports:?}") };
+        assert!(why.contains("was replaced, moved or changed"), "{why}");
+        // The program ended before the dream did.
+        let left = other.unfinished_dreams().unwrap();
+        assert_eq!((left.len(), left[0].episode.len()), (1, 3), "all of it, from the first step on");
+    }
+
     #[test]
     fn starting_again_ends_the_dream_before() {
         let reports = reports_of([start(1), start(2)], &Latest::default());

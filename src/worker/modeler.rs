@@ -6,10 +6,10 @@ use std::sync::mpsc::{Receiver, TryRecvError};
 use std::time::{Duration, Instant};
 
 use crate::dataset::Dataset;
-use crate::run::{Run, write_whole};
+use crate::run::{Kind, OutputFile, Run};
 use crate::worker::{ModelerCommand, Report, Reports, Worker, one_thread};
 use crate::world_model::WorldModelConfig;
-use crate::world_model::fit::{FitConfig, FitError, Progress, fit_world};
+use crate::world_model::fit::{self, FitConfig, FitError, Progress, fit_world};
 
 const NAME: &str = "modeler";
 /// The window need not know of every update.
@@ -64,6 +64,8 @@ fn fit_one(
     for damaged in dataset.damaged() {
         reports.send(Report::LeftOut(format!("left out of the fit: {damaged}")));
     }
+    fit::check(&dataset).map_err(|e| e.to_string())?;
+    let output = OutputFile::at(out, Kind::Network).map_err(|e| e.to_string())?;
     let run = Run::beside(out, resume).map_err(|e| e.to_string())?;
     let mut last = None;
     let mut listen = |progress: &Progress| loop {
@@ -86,7 +88,7 @@ fn fit_one(
         Err(FitError::Stopped) => return Err("stopped; resuming goes on from the last checkpoint".to_owned()),
         fitted => fitted.map_err(|e| e.to_string())?,
     };
-    write_whole(out, parameters.bytes()).map_err(|e| e.to_string())
+    output.write(parameters.bytes()).map_err(|e| e.to_string())
 }
 
 #[cfg(test)]

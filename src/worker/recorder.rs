@@ -443,6 +443,43 @@ mod tests {
         assert_eq!(Dataset::open(dir.path()).unwrap().len(0), n_steps);
     }
 
+    #[cfg(unix)]
+    #[test]
+    fn a_recording_whose_journal_is_gone_stands_and_goes_on_elsewhere_without_a_gap() {
+        let (one, other) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
+        let (first, other) = (one.path().to_owned(), other.path().join("other"));
+        let (reports, inbox) = Reports::new(|| ());
+        let view = Latest::<LiveView>::default();
+        let recorder = recorder(30, &Latest::default(), &view, &reports);
+        recorder.send(RecorderCommand::Start { dataset: first.clone(), seed: 0 });
+        while view.take().is_none_or(|view| view.step < 2) {
+            std::thread::yield_now();
+        }
+        one.close().unwrap();
+        let Report::Held(why) = inbox.recv().unwrap() else { panic!("another report") };
+        assert!(why.contains("was replaced, moved or changed"), "{why}");
+        recorder.send(RecorderCommand::Pause(false));
+        assert!(matches!(inbox.recv().unwrap(), Report::Held(_)), "tried again, it is the same");
+        // Not even the end of the recording loses it.
+        recorder.send(RecorderCommand::Keep);
+        assert!(matches!(inbox.recv().unwrap(), Report::Held(_)));
+
+        recorder.send(RecorderCommand::SaveIn(other.clone()));
+        let Report::Moved(moved) = inbox.recv().unwrap() else { panic!("another report") };
+        assert_eq!(moved, other);
+        recorder.send(RecorderCommand::Pause(false));
+        let Report::Recorded { episode: 0, n_steps: 30 } = inbox.recv().unwrap() else {
+            panic!("another report")
+        };
+        drop(recorder);
+        let episode = Dataset::open(&other).unwrap().episode(0).unwrap();
+        assert!(
+            episode.frames.iter().enumerate().all(|(t, frame)| frame.rgb()[0] == t as u8),
+            "no step is missing"
+        );
+        assert!(episode.done && !first.exists());
+    }
+
     #[test]
     fn what_was_left_behind_can_be_thrown_away() {
         let dir = tempfile::tempdir().unwrap();

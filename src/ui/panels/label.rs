@@ -341,8 +341,10 @@ fn foot_ui(
 ) {
     let session = state.session();
     let is_flagged = shown.and_then(|id| session?.query(id)).is_some_and(|asked| asked.is_flagged);
-    let can_undo =
-        !state.label.guided.is_empty() || session.is_some_and(|session| session.undoable().is_some());
+    let is_unsaved = state.store.as_ref().is_some_and(|store| store.n_unsaved() > 0);
+    let can_undo = is_unsaved
+        || !state.label.guided.is_empty()
+        || session.is_some_and(|session| session.undoable().is_some());
     let can_redo = session.is_some_and(|session| session.redoable().is_some());
     ui.horizontal(|ui| {
         ui.spacing_mut().item_spacing.x = 4.0;

@@ -74,9 +74,7 @@ fn unsaved_ui(ui: &mut Ui, state: &State, commands: &mut Vec<Command>) {
     let (text, asked) = match &state.store {
         None => ("no place to save".to_owned(), Elsewhere::Sessions),
         Some(store) if store.n_unsaved() == 0 => ("not saved".to_owned(), Elsewhere::Session),
-        Some(store) => {
-            (format!("not saved · {} not on disk", counted(store.n_unsaved(), "event")), Elsewhere::Session)
-        }
+        Some(store) => (format!("not saved: {}", counted(store.n_unsaved(), "event")), Elsewhere::Session),
     };
     let text = tokens::small(ui, text).color(bad);
     let button = ui.add(eframe::egui::Button::new(text).frame(false));
