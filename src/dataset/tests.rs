@@ -816,7 +816,8 @@ fn no_bytes_make_the_readers_panic() {
     let episode = fs::read(episode_file(dir.path(), 0)).unwrap();
     let mut numbers = ChaCha8Rng::seed_from_u64(0);
     for whole in [&episode, &OLD_EPISODE.to_vec(), &OLD_JOURNAL.to_vec()] {
-        for round in 0..std::env::var("ROUNDS").map_or(600, |r| r.parse().unwrap()) {
+        // So many take a second; ROUNDS=400000 took over a minute.
+        for round in 0..std::env::var("ROUNDS").map_or(600, |rounds| rounds.parse().unwrap()) {
             let mut bytes = whole.clone();
             for _ in 0..=round % 4 {
                 let (at, byte) = (numbers.next_u64() as usize % bytes.len(), numbers.next_u64() as u8);
