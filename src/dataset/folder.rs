@@ -98,6 +98,12 @@ impl Dataset {
         let found = Found::to_go_on_with(dir, env)?;
         let mut dataset = Self::of(dir, found.episodes);
         dataset.env = Some(env.into());
+        if dataset.episodes.first().is_some_and(|first| !first.columns().ends) {
+            log::warn!(
+                "an older version began these recordings: new ones do without the columns that they lack, at {}",
+                dir.display()
+            );
+        }
         dataset.lock = Some(lock);
         for (reason, path) in found.torn {
             dataset.set_aside(reason, &path)?;

@@ -7,6 +7,9 @@ const DEPTH: usize = 16;
 const ELEMENTS: usize = 10_000;
 const ELEMENT_DEPTH: usize = 32;
 
+/// How values are stored: plain, or as runs of numbers, which may be those of a dictionary's entries.
+const ENCODINGS: [usize; 4] = [0, 2, 3, 8];
+
 /// Whether all of `bytes` is the footer of a Parquet file: a well-formed structure, and no group of columns in it claims
 /// more of them than there are.
 pub(super) fn is_footer(bytes: &[u8]) -> bool {
@@ -191,10 +194,9 @@ impl Walk<'_> {
             match (id, kind) {
                 (2, 5) => uncompressed = Some(self.size()?),
                 (3, 5) => compressed = Some(self.size()?),
-                // A data page's header of either version begins with how many values there are; a dictionary's too.
-                (5 | 8, 12) => n_values = Some(self.first_size()?),
+                (5, 12) => n_values = Some(self.values()?),
                 (7, 12) => {
-                    self.skip_struct(1)?;
+                    self.values()?;
                     n_values = Some(0);
                 }
                 (_, 1 | 2) => {}
@@ -205,18 +207,21 @@ impl Walk<'_> {
         Some(Page { uncompressed: uncompressed?, compressed: compressed?, n_values: n_values? })
     }
 
-    /// The first field of a structure, a size; the others are skipped.
-    fn first_size(&mut self) -> Option<usize> {
+    /// How many values a page of the first version or a dictionary claims, in an encoding that we write.
+    fn values(&mut self) -> Option<usize> {
         let Some((1, 5)) = self.field(0)? else { return None };
-        let size = self.size()?;
+        let n_values = self.size()?;
         let mut before = 1;
         while let Some((id, kind)) = self.field(before)? {
-            if !matches!(kind, 1 | 2) {
-                self.skip(kind, 1)?;
+            match (id, kind) {
+                // Of the values, then of two kinds of levels.
+                (2..=4, 5) => drop(Some(self.size()?).filter(|encoding| ENCODINGS.contains(encoding))?),
+                (_, 1 | 2) => {}
+                (_, kind) => self.skip(kind, 1)?,
             }
             before = id;
         }
-        Some(size)
+        Some(n_values)
     }
 }
 
@@ -257,15 +262,31 @@ mod tests {
     #[test]
     fn a_page_that_claims_more_than_it_can_hold_is_refused() {
         // Type 0, 8 bytes of 8 compressed ones, a data page of 2 values.
-        let page = |uncompressed: u8, n_values: u8| {
-            let head = [0x15, 0, 0x15, 2 * uncompressed, 0x15, 16, 0x2c, 0x15, 2 * n_values, 0, 0];
+        let encoded = |uncompressed: u8, n_values: u8, encoding: u8| {
+            let head = [
+                0x15,
+                0,
+                0x15,
+                2 * uncompressed,
+                0x15,
+                16,
+                0x2c,
+                0x15,
+                2 * n_values,
+                0x15,
+                2 * encoding,
+                0,
+                0,
+            ];
             [head.as_slice(), &[7; 8]].concat()
         };
+        let page = |uncompressed, n_values| encoded(uncompressed, n_values, 0);
         assert!(pages_hold(&page(8, 2), 2, 8));
         assert!(pages_hold(&[page(8, 2), page(8, 1)].concat(), 3, 8));
         assert!(!pages_hold(&page(60, 2), 2, 16), "it would grow to 60 bytes");
         assert!(!pages_hold(&page(8, 2), 3, 8), "a value is missing");
         assert!(!pages_hold(&page(8, 3), 2, 8), "a value too many");
-        assert!(!pages_hold(&page(8, 2)[..15], 2, 8), "cut");
+        assert!(!pages_hold(&page(8, 2)[..17], 2, 8), "cut");
+        assert!(!pages_hold(&encoded(8, 2, 9), 2, 8), "in an encoding that we never wrote");
     }
 }
