@@ -5,7 +5,10 @@
 
 use std::borrow::Cow;
 use std::collections::{BTreeMap, BTreeSet};
+use std::ops::Range;
 use std::path::Path;
+
+use serde_json::Value;
 
 /// A name is shown up to so many letters.
 pub const SHOWN: usize = 60;
@@ -198,6 +201,25 @@ pub fn trimmed(line: &[u8]) -> &[u8] {
     line.strip_prefix(b"\xef\xbb\xbf").unwrap_or(line).trim_ascii()
 }
 
+/// The whole JSON objects in a damaged line that begin in one of these ways, and where they stand.
+///
+/// A beginning with a quote in it is never found within a text, for there quotes are escaped.
+pub fn objects_in(line: &[u8], beginnings: &[&[u8]]) -> impl Iterator<Item = (Range<usize>, Value)> {
+    let mut from = 0;
+    std::iter::from_fn(move || {
+        loop {
+            let is_start = |at: &usize| beginnings.iter().any(|beginning| line[*at..].starts_with(beginning));
+            let start = (from..line.len()).find(is_start)?;
+            let mut values = serde_json::Deserializer::from_slice(&line[start..]).into_iter();
+            if let Some(Ok(value)) = values.next() {
+                from = start + values.byte_offset();
+                return Some((start..from, value));
+            }
+            from = start + 1;
+        }
+    })
+}
+
 #[cfg(test)]
 mod tests {
     use proptest::prelude::*;
@@ -216,9 +238,10 @@ mod tests {
         fn a_cell_is_one_cell_of_one_line(text in any::<String>()) {
             let cell = cell(&text);
             prop_assert!(!cell.chars().any(is_hidden), "{cell:?}");
-            let first = cell.trim_start_matches('"').trim_start().chars().next();
-            prop_assert!(!matches!(first, Some('=' | '+' | '-' | '@')), "{cell:?}");
             let inside = cell.strip_prefix('"').and_then(|rest| rest.strip_suffix('"'));
+            let content = inside.map_or(cell.clone(), |inside| inside.replace("\"\"", "\""));
+            let first = content.trim_start().chars().next();
+            prop_assert!(!matches!(first, Some('=' | '+' | '-' | '@')), "{cell:?}");
             match inside {
                 Some(inside) => prop_assert!(!inside.replace("\"\"", "").contains('"'), "{cell:?}"),
                 None => prop_assert!(!cell.contains([',', '"']), "{cell:?}"),

@@ -3,7 +3,6 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use clap::ValueEnum as _;
 use dropj::planner::synthesis::SynthesisConfig;
 use dropj::reward::RewardConfig;
 use dropj::session::SessionStore;
@@ -37,8 +36,11 @@ pub(crate) fn run(options: Options) -> anyhow::Result<()> {
     // The screen keeps a core: what runs beside it has one thread each.
     tch::set_num_threads(1);
     let session = options.session.as_deref().map(|dir| SessionStore::open(dir, None)).transpose()?;
-    let asked = session.as_ref().and_then(|session| EnvName::from_str(&session.header().env, false).ok());
-    let env = options.env.or(asked).unwrap_or(EnvName::CarRacing);
+    let env = match (options.env, &session) {
+        (Some(env), _) => env,
+        (None, Some(session)) => EnvName::named(&session.header().env)?,
+        (None, None) => EnvName::CarRacing,
+    };
     let own = session.as_ref().and_then(SessionStore::world_model_path);
     let world = options.world.or(own).unwrap_or_else(|| models::world_model_asset(env));
     let plans = Plans {
@@ -68,7 +70,7 @@ pub(crate) fn run(options: Options) -> anyhow::Result<()> {
 
 /// The world model in `path`, with what a person may want to know of it.
 fn load(path: &Path, is_shipped: bool, env: EnvName) -> Result<LoadedWorld, String> {
-    let model = models::world_model(path).map_err(|e| format!("{e:#}"))?;
+    let model = models::world_model(path).map_err(|e| super::in_words(&e))?;
     models::require(&model, env).map_err(|e| e.to_string())?;
     let name = if is_shipped {
         "the shipped one".to_owned()

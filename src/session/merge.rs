@@ -123,7 +123,9 @@ pub fn hand_on(dir: &Path, out: &Path, annotator: &str) -> Result<SessionStore, 
 
 /// The same in a folder of its own below `sessions`.
 pub fn hand_on_in(dir: &Path, sessions: &Path, annotator: &str) -> Result<SessionStore, SessionError> {
-    let plain: String = annotator.chars().map(|c| if c.is_alphanumeric() { c } else { '-' }).collect();
+    // A name can be longer than that of a folder.
+    let plain = annotator.chars().map(|c| if c.is_alphanumeric() { c } else { '-' }).take(40);
+    let plain: String = plain.collect();
     let out = store::free_folder(sessions, &timed_name(store::now(), &format!("for-{plain}")));
     hand_on(dir, &out, annotator)
 }

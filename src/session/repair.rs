@@ -5,6 +5,7 @@
 //! with it. The two halves without files, [`mend_header`] and [`mend_log`], take whatever bytes there are.
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::ops::Range;
 use std::path::{Path, PathBuf};
 
 use serde_json::{Map, Value};
@@ -15,7 +16,7 @@ use crate::session::event::{Choice, DreamSource, Entry, Event, KeptDream};
 use crate::session::header::{self, FORMAT, Header};
 use crate::session::{Answer, Session, arrays, check, log, store};
 use crate::tensor::sha256;
-use crate::text::{decoded, is_utf16, shown, trimmed};
+use crate::text::{self, decoded, is_utf16, shown, trimmed};
 
 /// What the name of a file that was repaired ends in.
 const BEFORE: &str = "before-repair";
@@ -395,20 +396,8 @@ fn events_in(line: &[u8]) -> (Vec<Entry>, Option<String>) {
 const BEGINNING: &[u8] = b"{\"event\"";
 
 /// The whole objects in `line` that begin as events do.
-fn objects_in(line: &[u8]) -> impl Iterator<Item = (std::ops::Range<usize>, Value)> {
-    let mut from = 0;
-    std::iter::from_fn(move || {
-        loop {
-            let start = from + line[from..].windows(BEGINNING.len()).position(|part| part == BEGINNING)?;
-            let mut values = serde_json::Deserializer::from_slice(&line[start..]).into_iter::<Value>();
-            if let Some(Ok(value)) = values.next() {
-                let end = start + values.byte_offset();
-                from = end;
-                return Some((start..end, value));
-            }
-            from = start + 1;
-        }
-    })
+fn objects_in(line: &[u8]) -> impl Iterator<Item = (Range<usize>, Value)> {
+    text::objects_in(line, &[BEGINNING])
 }
 
 /// Whether a line that is no JSON has a whole event in it, so that cutting it off would lose that.

@@ -189,3 +189,26 @@ fn the_shipped_examples_are_as_the_schemas_say() {
         }
     }
 }
+
+#[test]
+fn the_lines_in_the_document_can_be_read_and_followed() {
+    let document = include_str!("../../assets/format-sessions.md");
+    let events: Vec<_> = document.lines().filter(|line| line.starts_with("{\"event\"")).collect();
+    let contents = log::parse(events.join("\n").as_bytes(), Path::new("log")).unwrap();
+    let header = Header::new("car-racing", Protocol::Dropj, 7, "sha256:00", 5);
+    header.session().folded(&contents.entries).unwrap();
+    let name = |line: &str| serde_json::from_str::<Value>(line).unwrap()["event"].to_string();
+    let shown: BTreeSet<_> = events.iter().map(|line| name(line)).collect();
+    assert_eq!(shown, lines().iter().map(|line| name(line)).collect(), "one of each");
+
+    let header = &document[document.find("{\n  \"format\"").unwrap()..];
+    let header = &header[..header.find("```").unwrap()];
+    assert_eq!(Header::parse(header.as_bytes(), Path::new("session.json")).unwrap().seed, 3);
+
+    let result = document.lines().find(|line| line.starts_with("{\"metrics\"")).unwrap();
+    let found = crate::evaluation::Results::parse(result.as_bytes());
+    assert_eq!((found.episodes[0].ret, found.notes), (2530.0, vec![]));
+    let told: Value = serde_json::from_str(result).unwrap();
+    let names = |value: &Value| value.as_object().unwrap().keys().cloned().collect::<BTreeSet<_>>();
+    assert_eq!(names(&told["metrics"]), names(&json!(found.episodes[0])), "as they are written");
+}
