@@ -26,6 +26,7 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
     let model = SessionStore::read_world_model(&options.session)?;
     let (_, parameters) = SessionStore::read_reward(&options.session)?;
     let parameters = parameters.context("this session has no reward yet: fit one with `dropj refit`")?;
+    RewardEnsemble::load(&parameters)?.require(model.identity())?;
     for other in &options.on {
         let labels = labels(other, &model)?;
         println!("{}, {} answers:", other.display(), labels.len());
