@@ -32,6 +32,7 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
     let model = models::of_session(&options.session, options.world.as_deref())?;
     let (_, parameters) = SessionStore::read_reward(&options.session)?;
     let parameters = parameters.context("this session has no reward yet: fit one with `dropj refit`")?;
+    RewardEnsemble::load(&parameters)?.require(model.identity())?;
     for (name, other) in distinct(&options.on).iter().zip(&options.on) {
         let labels = labels(other, &model)?;
         println!("{}, {} answers:", shown(name), labels.len());

@@ -162,7 +162,9 @@ mod tests {
             let bytes = dream_to_bytes(&dream);
             assert_eq!(dream_from_bytes(&bytes), Ok(dream.clone()));
             assert_eq!(bytes, dream_to_bytes(&dream), "the same dream has the same bytes");
-            let shared = DreamEpisode { planned: vec![3..9, 20..33], ..dream };
+            // A planner can only have driven steps that there are.
+            let planned = if len == 33 { vec![3..9, 20..33] } else { vec![] };
+            let shared = DreamEpisode { planned, ..dream };
             assert_eq!(dream_from_bytes(&dream_to_bytes(&shared)), Ok(shared));
         }
     }

@@ -10,7 +10,7 @@ pub use safetensors::Dtype;
 use serde::de::{Error as _, MapAccess, Visitor};
 use serde::{Deserialize, Deserializer};
 
-use crate::tensor::limits::{MAX_AXES, MAX_HEADER, MAX_TENSORS};
+use crate::tensor::limits::{MAX_AXES, MAX_HEADER, MAX_NUMBERS, MAX_TENSORS};
 
 /// Bytes that tell how long the header is; its length is a multiple of them.
 const N_LEN: usize = 8;
@@ -131,6 +131,10 @@ fn check_places(entries: &[Entry], n: usize) -> Result<(), String> {
         }
         if place.start != end || place.end < place.start {
             return Err(format!("{name:?} does not begin where the tensor before it ends"));
+        }
+        let n = shape.iter().try_fold(1_usize, |n, &size| n.checked_mul(size.max(1)));
+        if n.is_none_or(|n| n > MAX_NUMBERS) {
+            return Err(format!("{name:?} has the shape {shape:?}, which is none of a tensor"));
         }
         let bits = shape.iter().try_fold(dtype.bitsize(), |bits, &size| bits.checked_mul(size));
         if bits != place.len().checked_mul(8) {
@@ -338,7 +342,10 @@ mod tests {
         let header = format!("{{{}}}", fields.join(","));
         let mut bytes = (header.len() as u64).to_le_bytes().to_vec();
         bytes.extend(header.into_bytes());
-        assert!(Container::read(&bytes).unwrap_err().contains("are there"));
+        assert!(Container::read(&bytes).unwrap_err().contains("none of a tensor"));
+        let part = Part { name: "a".to_owned(), dtype: Dtype::F32, shape: vec![0, 1 << 62], bytes: vec![] };
+        let bytes = write(None, &[part]);
+        assert!(Container::read(&bytes).unwrap_err().contains("none of a tensor"), "empty, and of no size");
         let twice = br#"{"a":{"dtype":"U8","shape":[0],"data_offsets":[0,0]},"a":{"dtype":"U8","shape":[0],"data_offsets":[0,0]}}"#;
         let bytes = [&(twice.len() as u64).to_le_bytes()[..], twice].concat();
         assert!(Container::read(&bytes).unwrap_err().contains("twice"));

@@ -11,6 +11,8 @@ pub const MAX_HEADER: usize = 1 << 20;
 pub const MAX_TENSORS: usize = 4096;
 /// Axes of a tensor: ours have at most four.
 pub const MAX_AXES: usize = 8;
+/// Numbers of a tensor, were none of its axes empty: no file of ours comes near, and products of sizes stay numbers.
+pub const MAX_NUMBERS: usize = 1 << 40;
 /// Pixels a side of a frame: ours have 84 and 128, and a frame of this side is 3 MB.
 pub const MAX_SIDE: i64 = 1024;
 /// Layers of a network: the deepest of the paper has five.
@@ -19,8 +21,8 @@ pub const MAX_LAYERS: usize = 32;
 pub const MAX_WIDTH: i64 = 1 << 14;
 /// Pixels a side of a kernel: ours have at most five.
 pub const MAX_KERNEL: i64 = 32;
-/// Numbers that a layer makes of one frame: the paper's make a million at the most, and these would be 64 MB.
-pub const MAX_ACTIVATIONS: i64 = 1 << 24;
+/// Numbers that a layer makes of one frame: the paper's make a quarter of a million at the most, and these would be 16 MB.
+pub const MAX_ACTIVATIONS: i64 = 1 << 22;
 /// Latents of a state: the paper has at most 64.
 pub const MAX_LATENTS: i64 = 1 << 12;
 /// Cells of a memory: the paper has at most 1024.

@@ -12,7 +12,7 @@ use dropj::reward::{
 };
 use dropj::run::Run;
 use dropj::session::arrays::{dream_from_bytes, dream_to_bytes};
-use dropj::session::{Answer, Choice, DreamSource, Event, Fit, Header, OpenedSession, SessionStore};
+use dropj::session::{Answer, Choice, DreamSource, Event, Fit, Header, OpenedSession, SessionStore, replay};
 use dropj::simulate::probe::Probe;
 use dropj::tensor::container::{self, Container, Part};
 use dropj::tensor::{Dtype, Parameters, from_slice, sha256, to_vec};
@@ -97,6 +97,14 @@ fn load(dir: &Path, world: &Path) -> Ran {
     dropj(dir, ["deploy", "--random-reward", "0", "--world", world, "--episodes", "0"])
 }
 
+/// Why these bytes are no world model.
+fn refusal(bytes: &[u8]) -> String {
+    match Parameters::from_bytes(bytes).map(WorldModel::load) {
+        Err(e) => e.to_string(),
+        Ok(loaded) => loaded.unwrap_err().to_string(),
+    }
+}
+
 #[test]
 fn sizes_that_cannot_be_are_refused_before_anything_is_made() {
     let dir = tempfile::tempdir().unwrap();
@@ -133,7 +141,7 @@ fn sizes_that_cannot_be_are_refused_before_anything_is_made() {
         ("new", &["vae", "new"], json!(1)),
         ("layout", &["layout"], json!(9)),
     ];
-    for (named, place, value) in cases {
+    for (i, (named, place, value)) in cases.iter().enumerate() {
         let mut config = serde_json::to_value(small()).unwrap();
         let (last, above) = place.split_last().unwrap();
         let mut at = &mut config;
@@ -146,9 +154,13 @@ fn sizes_that_cannot_be_are_refused_before_anything_is_made() {
         at[*last] = value.clone();
         let one = [("x".to_owned(), Tensor::zeros([1], tch::kind::FLOAT_CPU))];
         let crafted = Parameters::from_tensors(one, &[("config", config.to_string())]);
-        let path = write(dir.path(), "world.safetensors", crafted.bytes());
-        let ran = load(dir.path(), &path);
-        assert!(ran.refused().contains(named), "{place:?} = {value}: {}", ran.err);
+        let said = refusal(crafted.bytes());
+        assert!(said.contains(named), "{place:?} = {value}: {said}");
+        // Each start of the program takes its time: every fifth goes that way too.
+        if i % 5 == 0 {
+            let ran = load(dir.path(), &write(dir.path(), "world.safetensors", crafted.bytes()));
+            assert!(ran.refused().contains(&said), "{}", ran.err);
+        }
     }
 }
 
@@ -188,9 +200,12 @@ fn starts_and_held_out_episodes_must_fit_the_networks() {
         ("held_out", with(&world, "held_out", &[1.0], &[1, 1])),
     ];
     for (i, (named, changed)) in cases.iter().enumerate() {
-        let path = write(dir.path(), &format!("{i}.safetensors"), changed.bytes());
-        let ran = load(dir.path(), &path);
-        assert!(ran.refused().contains(named), "{i}: {}", ran.err);
+        let said = refusal(changed.bytes());
+        assert!(said.contains(named), "{i}: {said}");
+        if i % 4 == 0 {
+            let path = write(dir.path(), &format!("{i}.safetensors"), changed.bytes());
+            assert!(load(dir.path(), &path).refused().contains(&said), "{i}");
+        }
     }
     let path = write(dir.path(), "part.safetensors", &without(&world, |name| name == "starts.c"));
     assert!(load(dir.path(), &path).refused().contains("starts.c"));
@@ -312,10 +327,9 @@ fn a_dream_that_does_not_fit_is_refused_by_whoever_reads_it() {
     let name = dir.to_str().unwrap();
     for (said, dream) in cases {
         replace_dream(&dir, &dream_to_bytes(dream));
-        for args in [vec!["refit", "--session", name], vec!["replay", name]] {
-            let ran = dropj(root.path(), &args);
-            assert!(ran.refused().contains(said), "{args:?}: {}", ran.err);
-        }
+        assert!(replay(&dir, &model).unwrap_err().to_string().contains(said));
+        let ran = dropj(root.path(), ["refit", "--session", name]);
+        assert!(ran.refused().contains(said), "{}", ran.err);
         // The window reads what it can, and says what it cannot.
         let store = SessionStore::open(&dir, Some(model.identity())).unwrap();
         let opened = OpenedSession::read(store, &mut |_, _| ControlFlow::Continue(())).unwrap();
@@ -362,7 +376,12 @@ fn rewards_must_be_of_numbers_and_fit_the_world_model() {
         ("batch", crafted("sparse_reward", &good_sparse, "\"batch\":8", "\"batch\":0")),
     ];
     let name = dir.to_str().unwrap();
-    for (said, reward) in cases {
+    for (i, (said, reward)) in cases.into_iter().enumerate() {
+        let met = LearnedReward::load(&reward, model.identity()).unwrap_err().to_string();
+        assert!(met.contains(said), "{said}: {met}");
+        if i % 3 > 0 {
+            continue;
+        }
         let fit = Fit { after: 0, n_labels: 1, seed: 0, epochs: 1, losses: vec![0.5; 2], held_out: None };
         store.save_reward(&reward, fit).unwrap();
         let ran = dropj(root.path(), ["deploy", "--session", name, "--episodes", "0"]);
