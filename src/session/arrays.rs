@@ -51,7 +51,7 @@ pub fn dream_to_bytes(episode: &DreamEpisode) -> Vec<u8> {
 
 /// The dream in the bytes of such a file, or what is wrong with them.
 ///
-/// What comes out is a dream that can be: see [`check`].
+/// What comes out is a dream that can be: made of numbers, of parts that fit, and marked at steps that it has.
 pub fn dream_from_bytes(bytes: &[u8]) -> Result<DreamEpisode, String> {
     let file = Container::read(bytes)?;
     let seed = file.value("seed").and_then(|seed| seed.parse().ok()).ok_or("it has no seed")?;
