@@ -74,7 +74,7 @@ fn a_folder_that_was_moved_is_told_of_though_nobody_does_anything() {
     fs::rename(&folder, &moved).unwrap();
     // Nothing else draws the window.
     std::thread::sleep(std::time::Duration::from_millis(1500));
-    harness.step();
+    harness.run_steps(3);
     assert!(says(&harness, "not saved") && says(&harness, "no longer saved under its name"));
     go(&mut harness, Panel::Label);
     press(&mut harness, Key::A);
@@ -206,9 +206,9 @@ fn a_session_with_something_unsaved_is_not_left_for_another() {
     press(&mut harness, Key::A);
     let before = harness.state().session().unwrap().dir().to_owned();
     harness.get_by_label("Sessions…").click();
-    harness.run_steps(3);
+    harness.run_steps(10);
     harness.get_by_label("DROP").click();
-    harness.run_steps(3);
+    harness.run_steps(10);
     assert_eq!(harness.state().session().unwrap().dir(), before);
     assert!(says(&harness, "save that first"));
     harness.get_by_label("Let it go").click();
