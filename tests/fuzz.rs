@@ -27,6 +27,7 @@ use dropj::reward::LearnedReward;
 use dropj::session::{Header, SessionStore};
 use dropj::simulate::probe::Probe;
 use dropj::tensor::Parameters;
+use dropj::ui::{Preferences, SettingsFile};
 use dropj::world_model::WorldModel;
 use proptest::prelude::*;
 use proptest::test_runner::{Config, RngAlgorithm, TestRng, TestRunner};
@@ -185,4 +186,19 @@ fn fuzz_recordings_in_their_journal() {
 fn fuzz_comparison_files() {
     let read = |bytes: &[u8]| !Results::parse(bytes).episodes.is_empty();
     fuzz("comparison files", &corpus::comparisons(), 1, as_it_is, read);
+}
+
+#[test]
+fn fuzz_settings() {
+    let written = Preferences::default().text();
+    assert!(Preferences::read(&written).1.is_empty(), "what the program wrote has no problems");
+    let read = |bytes: &[u8]| {
+        let (preferences, problems) = Preferences::read(&String::from_utf8_lossy(bytes));
+        // What was taken is written so that it is read again.
+        let again = Preferences::read(&preferences.text());
+        assert_eq!(again.0.text(), preferences.text(), "{problems:?}");
+        let _ = SettingsFile::of(bytes);
+        problems.is_empty()
+    };
+    fuzz("settings", &[written.into_bytes()], 4, as_it_is, read);
 }
