@@ -10,8 +10,8 @@ use dropj::simulate::record::record;
 
 use super::EnvName;
 
-/// More than anybody can keep; their sum is a number.
-const MAX_EPISODES: u64 = 1_000_000_000;
+/// As many as a dataset of ours can number.
+const MAX_EPISODES: u64 = 1_000_000;
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct Options {
@@ -25,7 +25,7 @@ pub(crate) struct Options {
     #[arg(long, default_value_t = 10, value_parser = clap::value_parser!(u64).range(..=MAX_EPISODES))]
     episodes: u64,
     /// The number of the first, to share the work among several runs
-    #[arg(long, default_value_t = 0, value_parser = clap::value_parser!(u64).range(..=MAX_EPISODES))]
+    #[arg(long, default_value_t = 0, value_parser = clap::value_parser!(u64).range(..=u64::from(u32::MAX)))]
     first: u64,
     /// Of tracks and driving
     #[arg(long, default_value_t = 0)]

@@ -153,7 +153,7 @@ fn an_output_that_cannot_be_written_is_refused_before_the_work() {
     fs::write(dir.join("table.csv"), "a,b\n1,2\n").unwrap();
     let before = names(dir);
     let world = shipped("assets/world-car-racing.safetensors").display().to_string();
-    let long = "deploy --straight-on --episodes 1000000";
+    let long = "deploy --straight-on --episodes 100000";
     for (line, why) in [
         // A file in the place of a folder.
         (format!("{long} --steps file/steps.csv"), "a file in the place of a folder"),

@@ -54,9 +54,8 @@ fn dream(len: usize, seed: u64) -> DreamEpisode {
     for t in 0..len {
         dream.step(&model, Action::new((t as f32).sin(), 0.5, 0.0), rng).unwrap();
     }
-    dream.mark_unsafe();
     let mut episode = dream.finish();
-    episode.planned = vec![3..7, 12..15];
+    (episode.unsafe_marks, episode.planned) = (vec![2, 9], vec![3..7, 12..15]);
     episode
 }
 
