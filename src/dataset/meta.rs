@@ -31,7 +31,7 @@ pub(super) fn write(dir: &Path, episodes: &[Notes]) -> std::result::Result<(), D
     Ok(())
 }
 
-/// The files that [`write`] writes, in the folder `meta`.
+/// The files that [`write()`] writes, in the folder `meta`.
 const FILES: [&str; 4] = ["info.json", "stats.json", "tasks.parquet", EPISODES];
 /// The table of episodes.
 const EPISODES: &str = "episodes/chunk-000/file-000.parquet";

@@ -51,8 +51,8 @@ pub(crate) enum PadSignal {
 
 /// How far a control is moved, and how far it has to have come, before its pad takes the wheel: far beyond any dead zone,
 /// and further where another pad has it.
-const TAKES: Reach = Reach { moved: 0.25, travelled: 0.15 };
-const TAKES_OVER: Reach = Reach { moved: 0.5, travelled: 0.3 };
+const TAKES: Reach = Reach { moved: 0.25, traveled: 0.15 };
+const TAKES_OVER: Reach = Reach { moved: 0.5, traveled: 0.3 };
 /// What a lever is first seen at, or below, that rests at −1; sticks are not flicked that far between two reports.
 const RESTS_LOW: f32 = -0.75;
 /// What is first seen at this, or beyond, is a switch that was pressed, and not a lever that lies so.
@@ -64,7 +64,7 @@ const NAME_LEN: usize = 48;
 #[derive(Clone, Copy, Debug)]
 struct Reach {
     moved: f32,
-    travelled: f32,
+    traveled: f32,
 }
 
 /// The pads that are plugged in, and the one that drives.
@@ -183,7 +183,7 @@ impl Known {
             if value.abs() < rest.abs() {
                 *rest = value;
             }
-            is_far |= value.abs() >= reach.moved && (value - *rest).abs() >= reach.travelled;
+            is_far |= value.abs() >= reach.moved && (value - *rest).abs() >= reach.traveled;
         }
         is_far
     }
