@@ -17,6 +17,10 @@ pub struct Statistics {
     pub n_skipped: usize,
     /// Of these, marked for a second look.
     pub n_flagged: usize,
+    /// Of those answered or skipped, those that took time: stand-ins take none, and tell nothing of anybody's pace.
+    pub n_timed: usize,
+    /// Of these, answered with more than a skip.
+    pub n_timed_answered: usize,
     /// Repetitions that were answered or skipped.
     pub n_again: usize,
     /// Seconds spent with queries, repetitions and retracted answers included, at most [`IDLE_SECS`] each.
@@ -40,6 +44,11 @@ impl Statistics {
                 Some(Response::Skipped(_)) => statistics.n_skipped += 1,
                 Some(_) => statistics.n_answered += 1,
             }
+            if asked.answer().is_some_and(|given| given.answer.secs > 0.0) {
+                statistics.n_timed += 1;
+                let is_skip = matches!(response, Some(Response::Skipped(_)));
+                statistics.n_timed_answered += usize::from(!is_skip);
+            }
         }
         statistics
     }
@@ -49,9 +58,9 @@ impl Statistics {
         self.n_asked - self.n_answered - self.n_skipped
     }
 
-    /// Usable labels an hour, once some time was spent.
+    /// Usable labels an hour of those whose time was taken, once some was spent.
     pub fn labels_per_hour(&self) -> Option<f32> {
-        let rate = 3600.0 * self.n_answered as f32 / self.active_secs;
+        let rate = 3600.0 * self.n_timed_answered as f32 / self.active_secs;
         rate.is_finite().then_some(rate)
     }
 }

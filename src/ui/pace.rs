@@ -68,14 +68,18 @@ impl Budget {
             Self::Minutes(all) => format!("{minutes:.0} of {all} min · {n} queries"),
         };
         // A pace of one or two answers is none.
-        let Some(per_hour) = so_far.labels_per_hour().filter(|_| so_far.n_answered >= 3) else { return done };
+        let Some(per_hour) = so_far.labels_per_hour().filter(|_| so_far.n_timed_answered >= 3) else {
+            return done;
+        };
         let left = match self {
             _ if self.share(so_far) >= 1.0 => "done".to_owned(),
             Self::Queries(all) => {
-                let minutes = (all as f32 - n as f32) * minutes / n as f32;
+                let minutes = (all as f32 - n as f32) * minutes / so_far.n_timed as f32;
                 format!("{:.0} min left", minutes.ceil())
             }
-            Self::Minutes(all) => format!("{:.0} more to come", (all as f32 - minutes) * n as f32 / minutes),
+            Self::Minutes(all) => {
+                format!("{:.0} more to come", (all as f32 - minutes) * so_far.n_timed as f32 / minutes)
+            }
         };
         format!("{done} · {per_hour:.0} labels an hour · {left}")
     }
@@ -156,7 +160,10 @@ mod tests {
     use super::*;
 
     fn so_far(n_answered: usize, n_skipped: usize, active_secs: f32) -> Statistics {
-        Statistics { n_asked: 600, n_answered, n_skipped, active_secs, ..Statistics::default() }
+        let (n_timed, n_timed_answered) = (n_answered + n_skipped, n_answered);
+        let n_asked = 600;
+        let timed = Statistics { n_timed, n_timed_answered, ..Statistics::default() };
+        Statistics { n_asked, n_answered, n_skipped, active_secs, ..timed }
     }
 
     #[test]
@@ -166,6 +173,12 @@ mod tests {
         assert_eq!(said, "250 of 500 queries · 400 labels an hour · 30 min left");
         let said = Budget::Minutes(60).say(&half_an_hour);
         assert_eq!(said, "30 of 60 min · 250 queries · 400 labels an hour · 250 more to come");
+        let by_stand_ins = Statistics { n_answered: 180, active_secs: 2.0, ..Statistics::default() };
+        assert_eq!(
+            Budget::Queries(500).say(&by_stand_ins),
+            "180 of 500 queries",
+            "who took no time has no pace"
+        );
         assert_eq!(Budget::Queries(250).say(&half_an_hour), "250 of 250 queries · 400 labels an hour · done");
         assert_eq!(Budget::Queries(500).say(&so_far(2, 1, 3.0)), "3 of 500 queries", "too few for a pace");
         assert_eq!(Budget::Minutes(120).share(&half_an_hour), 0.25);
