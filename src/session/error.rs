@@ -132,6 +132,12 @@ pub enum Impossible {
 /// Why a session cannot be made, opened, written or read.
 #[derive(Debug, thiserror::Error)]
 pub enum SessionError {
+    /// It is being made, or was when the program was killed.
+    #[error("this session was never finished: run the command that made it again, or wait for it: {path:?}")]
+    Unfinished {
+        /// The folder.
+        path: PathBuf,
+    },
     /// The disk refused: full, read-only, forbidden, absent.
     #[error("cannot {tried}: {}: {path:?}", Told(.met))]
     Disk {

@@ -9,7 +9,7 @@ use crate::dream::DreamEpisode;
 use crate::planner::synthesis::Acquisition;
 use crate::query::DreamId;
 use crate::run::place::Named;
-use crate::run::{PARTIAL, check_folder, log_saved, remove_partials, sync_folder};
+use crate::run::{PARTIAL, check_folder, is_being_built, log_saved, remove_partials, sync_folder};
 use crate::session::error::SessionError;
 use crate::session::event::{DreamSource, Entry, Event, Fit, KeptDream};
 use crate::session::header::{self, FORMAT, Header};
@@ -104,6 +104,10 @@ impl SessionStore {
     ///
     /// The half line that a killed program can leave is cut off and told in [`Self::torn`].
     pub fn open(dir: &Path, world_model: Option<&ModelIdentity>) -> Result<Self, SessionError> {
+        // The next run of the command that made it may remove it, with whatever was said in it since.
+        if is_being_built(dir) {
+            return Err(SessionError::Unfinished { path: dir.to_owned() });
+        }
         let mut header = Header::read(dir)?;
         check_world_model(dir, &header, world_model)?;
         let path = dir.join(LOG_FILE);
