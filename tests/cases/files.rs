@@ -298,7 +298,10 @@ fn a_half_built_session_is_built_anew_by_every_command_unless_it_is_being_built(
         drop(building);
         fs::rename(dir.join("left"), dir.join("m.partial")).unwrap();
         let refused = SessionStore::open(&dir.join("m.partial"), None).unwrap_err();
-        assert!(matches!(refused, SessionError::Unfinished { .. }), "nobody answers in what may be removed: {refused}");
+        assert!(
+            matches!(refused, SessionError::Unfinished { .. }),
+            "nobody answers in what may be removed: {refused}"
+        );
         run(dir, line).succeeded();
         assert_eq!(names(dir), ["a", "m"], "{line}");
         fs::remove_dir_all(dir.join("m")).unwrap();
