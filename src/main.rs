@@ -34,7 +34,7 @@ fn main() -> ExitCode {
 ///
 /// Threads that spin while they wait cost ten times beside a window. Memory that is given back to the system after each
 /// training step costs a fifth of the next. Threads come and go with sessions, and each of the many arenas that the
-/// allocator would give them keeps what it once had: with two, memory is flat after a few sessions, at 0.6 times as much.
+/// allocator would give them keeps what it once had: with two, memory is flat after a dozen sessions.
 #[cfg(unix)]
 const AROUND_LIBTORCH: [(&str, &str); 4] = [
     ("OMP_WAIT_POLICY", "PASSIVE"),
