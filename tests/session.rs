@@ -15,7 +15,7 @@ use dropj::query::{
 use dropj::reward::{RewardConfig, RewardEnsemble, SegmentPair, Trainer, segment_rows};
 use dropj::session::{
     Annotators, Answer, Choice, DreamSource, Event, FORMAT, Fit, Header, SessionError, SessionStore, hand_on,
-    latest, merge, recent, replay,
+    latest, list_sessions, merge, replay,
 };
 use dropj::tensor::Parameters;
 use dropj::world_model::{LatentState, WorldModel, WorldModelConfig, untrained};
@@ -282,7 +282,7 @@ fn new_sessions_never_lie_over_old_ones() {
 fn recent_sessions_come_latest_first_and_the_unreadable_last() {
     let (dir, model) = (tempfile::tempdir().unwrap(), model(1));
     let sessions = dir.path().join("sessions");
-    assert!(recent(&sessions).unwrap().is_empty());
+    assert!(list_sessions(&sessions).unwrap().is_empty());
     assert_eq!(latest(&sessions).unwrap().count(), 0);
     let mut early = SessionStore::create_in(&sessions, header(&model)).unwrap();
     let late =
@@ -291,7 +291,7 @@ fn recent_sessions_come_latest_first_and_the_unreadable_last() {
     std::fs::write(sessions.join("broken/session.json"), "{").unwrap();
     std::fs::create_dir(sessions.join("photos")).unwrap();
     let dirs = || -> Vec<_> {
-        let dirs: Vec<_> = recent(&sessions).unwrap().into_iter().map(|recent| recent.dir).collect();
+        let dirs: Vec<_> = list_sessions(&sessions).unwrap().into_iter().map(|recent| recent.dir).collect();
         let one_by_one: Vec<_> = latest(&sessions).unwrap().map(|recent| recent.dir).collect();
         assert_eq!(one_by_one, dirs);
         dirs

@@ -9,7 +9,7 @@ use dropj::env::Action;
 use dropj::query::{
     DreamId, Preference, Protocol, QueryId, Response, SafetyAnswer, Transition, Verdict, sample_queries,
 };
-use dropj::reward::{LearnedReward, SparseConfig, fit_verdicts, transition_row};
+use dropj::reward::{LearnedReward, SparseConfig, fit_sparse_anew, transition_row};
 use dropj::session::{Answer, Choice, DreamSource, Event, Fit, Header, SessionStore, replay};
 use dropj::tensor::NotFinite;
 use dropj::world_model::{LatentState, WorldModel, WorldModelConfig, untrained};
@@ -60,7 +60,8 @@ fn verdicts_are_there_when_the_session_is_opened_again_and_learned_from_again() 
     let dream = store.dream(DreamId(0)).unwrap();
     let features = dream.features(&model);
     let row = |t: Transition| Ok::<_, NotFinite>(transition_row(&features, &dream.actions, t.step));
-    let fitted = fit_verdicts(&model, SparseConfig::tiny(), 4, &judged, row, |_| ControlFlow::Continue(()));
+    let fitted =
+        fit_sparse_anew(&model, SparseConfig::tiny(), 4, &judged, row, |_| ControlFlow::Continue(()));
     let fitted = fitted.unwrap().unwrap();
     let after = store.session().n_entries();
     let (losses, held_out) = (fitted.losses.clone(), fitted.held_out.map(|held_out| held_out.loss));

@@ -7,7 +7,7 @@ use anyhow::Context as _;
 use dropj::dream::Rows;
 use dropj::env::Action;
 use dropj::query::{DreamId, LabeledQuery, SegmentRef};
-use dropj::reward::{Figures, RewardEnsemble, SegmentPair, Trainer, segment_rows};
+use dropj::reward::{PredictionMetrics, RewardEnsemble, SegmentPair, Trainer, segment_rows};
 use dropj::session::SessionStore;
 use dropj::text::{distinct, shown};
 use dropj::world_model::WorldModel;
@@ -51,12 +51,12 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
     Ok(())
 }
 
-fn in_words(figures: &Figures) -> String {
+fn in_words(figures: &PredictionMetrics) -> String {
     let agreement = figures.agreement.map_or_else(
         || "no side was named".to_owned(),
         |agreement| format!("{:.1} % of {} sides foretold", 100.0 * agreement, figures.n_strict),
     );
-    let Figures { n, log_loss, floor, .. } = figures;
+    let PredictionMetrics { n, log_loss, floor, .. } = figures;
     format!("{agreement}; loss {log_loss:.4} over {n}, of which {floor:.4} cannot be saved")
 }
 

@@ -82,7 +82,7 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
     } else {
         let rng = &mut ChaCha8Rng::seed_from_u64(options.random_reward.unwrap_or(0));
         let (n, config) = (model.config().n_features(), RewardConfig::car_racing());
-        LearnedReward::Preferences(RewardEnsemble::new(n, &model.hash(), config, rng).frozen())
+        LearnedReward::Preferences(RewardEnsemble::new(n, &model.hash(), config, rng).for_inference())
     };
 
     let memory_reset = (options.memory_reset > 0).then_some(options.memory_reset);

@@ -9,8 +9,8 @@ use anyhow::Context as _;
 use dropj::query::{Justifications, Protocol, SegmentRef, Transition, Weights};
 use dropj::reward::sparse::Rules;
 use dropj::reward::{
-    Figures, Fitted, FittedVerdicts, HeldOut, RewardConfig, RewardEnsemble, SparseConfig, fit_anew,
-    fit_verdicts, foretell_held_out, segment_rows, transition_row,
+    Fitted, HeldOut, PredictionMetrics, RewardConfig, RewardEnsemble, SparseConfig, SparseFit, fit_anew,
+    fit_sparse_anew, predict_held_out, segment_rows, transition_row,
 };
 use dropj::session::{Event, Fit, SessionError, SessionStore};
 use dropj::tensor::NotFinite;
@@ -144,11 +144,11 @@ pub(super) fn fit_sparse(
         Ok::<_, SessionError>(transition_row(features, actions, transition.step))
     };
     let mut epochs = 0;
-    let fitted = fit_verdicts(model, config, seed, &judged, row, |report| {
+    let fitted = fit_sparse_anew(model, config, seed, &judged, row, |report| {
         epochs = report.epoch as u32;
         ControlFlow::Continue(())
     })?;
-    let FittedVerdicts { reward, losses, held_out } = fitted.context("the fit was broken off")?;
+    let SparseFit { reward, losses, held_out } = fitted.context("the fit was broken off")?;
     if let Some(HeldOut { n, loss, accuracy }) = held_out {
         println!("of {n} verdicts held out: log-loss {loss:.3} nats, {:.0} % foretold", 100.0 * accuracy);
     }
@@ -179,10 +179,10 @@ pub(super) fn fit_reward(
     let labels = store.session().labeled();
     anyhow::ensure!(!labels.is_empty(), NO_ANSWERS);
     let epochs = config.epochs(labels.len()) as u32;
-    let figures = held_out.map(|share| foretell_held_out(model, config.clone(), seed, &labels, rows, share));
+    let figures = held_out.map(|share| predict_held_out(model, config.clone(), seed, &labels, rows, share));
     let figures = figures.transpose()?;
     if let Some(figures) = figures {
-        let Figures { n, log_loss, floor, n_strict, agreement } =
+        let PredictionMetrics { n, log_loss, floor, n_strict, agreement } =
             figures.context("there are too few answers to hold some out")?;
         println!(
             "of {n} answers held out: log-loss {log_loss:.3} nats (at least {floor:.3}), \

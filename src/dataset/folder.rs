@@ -8,7 +8,7 @@ use sha2::{Digest as _, Sha256};
 
 use super::journal::{self, Recording, Take};
 use super::sealed::{self, Notes, Place, to_hex};
-use super::{DatasetError, Episode, EpisodeInfo, Unfinished, belonging, disk, meta};
+use super::{DatasetError, Episode, EpisodeInfo, Unfinished, disk, meta, ownership};
 use crate::env::{End, Frame};
 
 /// A folder of episodes in one environment.
@@ -51,7 +51,7 @@ impl Found {
     /// What episodes of `env` can join, in a folder of ours or an empty one.
     fn to_go_on_with(dir: &Path, env: &str) -> Result<Self, DatasetError> {
         let found = Self::read(dir)?;
-        belonging::require(dir, &found)?;
+        ownership::require(dir, &found)?;
         found.require_alike()?;
         match found.episodes.first() {
             Some(first) if first.info.env != env => {
@@ -129,7 +129,7 @@ impl Dataset {
     /// Opens a dataset for reading; changes nothing on disk.
     pub fn open(dir: &Path) -> Result<Self, DatasetError> {
         let found = Found::read(dir)?;
-        let foreign = belonging::describe(dir, &found);
+        let foreign = ownership::describe(dir, &found);
         let mut dataset = Self::read(dir, found)?;
         if !dataset.episodes.is_empty() {
             return Ok(dataset);

@@ -23,21 +23,21 @@
 //! The files of `data` say all there is to say; `meta` is derived from them and made to agree whenever the dataset is opened
 //! for recording. A folder that is neither ours nor empty is not written to.
 
-mod belonging;
 mod disk;
 mod error;
 mod folder;
+mod index;
 mod journal;
 mod limits;
 mod meta;
+mod ownership;
+mod parquet_check;
 mod png;
 mod sealed;
-mod shelf;
 mod stats;
 mod table;
 #[cfg(test)]
 mod tests;
-mod thrift;
 
 use std::ops::Range;
 use std::path::{Path, PathBuf};
@@ -46,8 +46,8 @@ use serde::{Deserialize, Serialize};
 
 pub use error::DatasetError;
 pub use folder::Dataset;
+pub use index::Summary;
 pub use journal::Recording;
-pub use shelf::Summary;
 
 use crate::env::{Action, Contacts, Frame};
 

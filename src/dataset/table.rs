@@ -21,8 +21,8 @@ use parquet::schema::types::{ColumnPath, Type, TypePtr};
 use sha2::{Digest as _, Sha256};
 
 use super::limits;
+use super::parquet_check;
 use super::sealed::to_hex;
-use super::thrift;
 
 /// The key of the note that covers all that stands before the footer: how many bytes, and their SHA-256.
 const SHA256: &str = "dropj.sha256";
@@ -324,12 +324,12 @@ impl Footer {
         if footer_sha256(footer).is_some_and(|(digits, sha256)| footer[digits] != *sha256.as_bytes()) {
             return Err(Fault::torn("its footer does not match its checksum"));
         }
-        let thrift = &footer[..footer.len() - TAIL];
-        if !thrift::is_footer(thrift) {
+        let structure = &footer[..footer.len() - TAIL];
+        if !parquet_check::is_footer(structure) {
             return Err(Fault::torn("its footer is no footer"));
         }
         let metadata =
-            ParquetMetaDataReader::decode_metadata(thrift).map_err(|met| Fault::torn(met.to_string()))?;
+            ParquetMetaDataReader::decode_metadata(structure).map_err(|met| Fault::torn(met.to_string()))?;
         Ok(Self { metadata: metadata.file_metadata().clone() })
     }
 
@@ -418,8 +418,8 @@ impl Table {
         let n_values = self.n_rows * width;
         let pages = self.pages(&columns[idx]);
         // What a page claims is allocated before it is read.
-        let is_sane =
-            pages.is_some_and(|pages| thrift::pages_hold(pages, n_values, limits::page_bytes(n_values)));
+        let is_sane = pages
+            .is_some_and(|pages| parquet_check::pages_hold(pages, n_values, limits::page_bytes(n_values)));
         if !is_sane {
             return Err(fault("its pages do not hold the values of"));
         }

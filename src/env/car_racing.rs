@@ -3,8 +3,8 @@
 //! A step gives +10 where a new tile was entered, −1 off the road, else 0. Only leaving the field and the time limit
 //! end an episode. A [`CarRacing`] driven by recorded actions equals the Python environment step by step.
 
-use super::course::{Course, SENSORS, controls};
 use super::draw::{picture, state_image};
+use super::lap::{Lap, SENSORS, controls};
 use super::process::process;
 use super::trace::Traced;
 use super::trig::Trig;
@@ -17,7 +17,7 @@ const RAW_SIDE: u32 = 96;
 #[derive(Clone, Debug)]
 pub struct CarRacing {
     trig: Trig,
-    course: Course,
+    lap: Lap,
 }
 
 impl CarRacing {
@@ -28,28 +28,28 @@ impl CarRacing {
 
     /// Like [`CarRacing::new`] with a choice of maths library, to compare with recorded episodes.
     pub fn with_trig(seed: Seed, trig: Trig) -> Self {
-        Self { trig, course: start(seed, trig) }
+        Self { trig, lap: start(seed, trig) }
     }
 
     /// How many tiles were visited.
     pub fn n_visited(&self) -> usize {
-        self.course.n_visited()
+        self.lap.n_visited()
     }
 }
 
-/// A fresh course after the hidden step of a reset.
-fn start(seed: Seed, trig: Trig) -> Course {
-    let mut course = Course::new(seed, trig, true);
-    course.add_car(0);
-    course.step_car(0);
-    course.step_world();
-    course.settle();
-    course
+/// A fresh lap after the hidden step of a reset.
+fn start(seed: Seed, trig: Trig) -> Lap {
+    let mut lap = Lap::new(seed, trig, true);
+    lap.add_car(0);
+    lap.step_car(0);
+    lap.step_world();
+    lap.settle();
+    lap
 }
 
 impl Env for CarRacing {
     fn reset(&mut self, seed: Seed) {
-        self.course = start(seed, self.trig);
+        self.lap = start(seed, self.trig);
     }
 
     fn advance(&mut self, action: Action) -> Outcome {
@@ -65,39 +65,39 @@ impl Env for CarRacing {
     }
 
     fn state(&self) -> Vec<f32> {
-        self.course.state().to_vec()
+        self.lap.state().to_vec()
     }
 
     fn truth(&self) -> Truth {
-        self.course.truth()
+        self.lap.truth()
     }
 
     fn picture(&self, width: u32, height: u32) -> Vec<u8> {
-        picture(&self.course.scene(true), width, height)
+        picture(&self.lap.scene(true), width, height)
     }
 }
 
 impl Traced for CarRacing {
     fn advance_by(&mut self, [steer, gas, brake]: [f64; 3]) -> Outcome {
-        let agent = self.course.agent();
+        let agent = self.lap.agent();
         agent.steer(-steer);
         agent.gas(gas);
         agent.brake(brake);
-        self.course.step_car(0);
-        self.course.step_world();
-        self.course.judge()
+        self.lap.step_car(0);
+        self.lap.step_world();
+        self.lap.judge()
     }
 
     fn score(&self) -> f64 {
-        self.course.score()
+        self.lap.score()
     }
 
     fn car_states(&self) -> Vec<[f32; 6]> {
-        self.course.car_states()
+        self.lap.car_states()
     }
 
     fn raw_image(&self) -> Vec<u8> {
-        state_image(&self.course.scene(true), RAW_SIDE)
+        state_image(&self.lap.scene(true), RAW_SIDE)
     }
 }
 

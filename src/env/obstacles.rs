@@ -5,8 +5,8 @@
 
 use std::collections::HashSet;
 
-use super::course::{Course, Meeting, Part, SENSORS, controls, speed, wrap};
 use super::draw::{picture, state_image};
+use super::lap::{Lap, Meeting, Part, SENSORS, controls, speed, wrap};
 use super::random::ChoiceStream;
 use super::trace::Traced;
 use super::track::NODE_STEP;
@@ -62,7 +62,7 @@ pub struct ObstacleCarRacing {
     obstacles: Obstacles,
     aids: Aids,
     trig: Trig,
-    course: Course,
+    lap: Lap,
     /// Steps taken, the hidden one of the reset included.
     n_steps: usize,
     /// How many wheel contacts with chuckholes each car has.
@@ -94,14 +94,14 @@ impl ObstacleCarRacing {
 
     /// Like [`ObstacleCarRacing::new`] with a choice of maths library, to compare with recorded episodes.
     pub fn with_trig(seed: Seed, obstacles: Obstacles, aids: Aids, trig: Trig) -> Self {
-        let course = place(seed, obstacles, trig);
+        let lap = place(seed, obstacles, trig);
         let mut env = Self {
             obstacles,
             aids,
             trig,
-            wheels_in: vec![0; course.cars.len()],
+            wheels_in: vec![0; lap.cars.len()],
             hulls_on: 0,
-            course,
+            lap,
             n_steps: 0,
             touched: HashSet::new(),
             hit: HashSet::new(),
@@ -122,33 +122,33 @@ impl ObstacleCarRacing {
     /// One step; without an action it is the hidden one of a reset.
     fn step(&mut self, action: Option<[f64; 3]>) -> Outcome {
         self.n_steps += 1;
-        let n_cars = self.course.cars.len();
-        let nearest: Vec<usize> = (0..n_cars).map(|car| self.course.nearest_node(car)).collect();
+        let n_cars = self.lap.cars.len();
+        let nearest: Vec<usize> = (0..n_cars).map(|car| self.lap.nearest_node(car)).collect();
         for car in 0..n_cars {
             if car > 0 {
                 self.drive_scripted(car, &nearest);
             } else if let Some(action) = action {
                 self.drive_agent(action, nearest[0]);
             }
-            self.course.step_car(car);
+            self.lap.step_car(car);
             if self.wheels_in[car] > 0 {
                 self.slow_down(car);
             }
         }
-        self.course.step_world();
+        self.lap.step_world();
         let (chuckhole, hit) = self.meet();
 
         let mut outcome = if action.is_some() {
-            self.course.judge()
+            self.lap.judge()
         } else {
-            self.course.settle();
+            self.lap.settle();
             Outcome::default()
         };
         let events = &mut outcome.events;
         events.chuckhole = chuckhole;
         events.car = hit;
         let here = self.position(0);
-        for (i, &hole) in self.course.chuckholes.iter().enumerate() {
+        for (i, &hole) in self.lap.chuckholes.iter().enumerate() {
             events.chuckhole_passed |= distance(here, hole) < NEAR && self.passed_chuckholes.insert(i);
         }
         for car in 1..n_cars {
@@ -158,14 +158,14 @@ impl ObstacleCarRacing {
     }
 
     fn position(&self, car: usize) -> [f64; 2] {
-        let p = self.course.hull(car).position();
+        let p = self.lap.hull(car).position();
         [f64::from(p.x), f64::from(p.y)]
     }
 
     /// Works through what met in the last world step: whether there was a new chuckhole, and a new car.
     fn meet(&mut self) -> (bool, bool) {
         let (mut new_chuckhole, mut new_car) = (false, false);
-        for &Meeting { begins, one, other } in &self.course.meetings {
+        for &Meeting { begins, one, other } in &self.lap.meetings {
             match (one, other) {
                 (Part::Hull { car: 0 }, Part::Hull { car }) | (Part::Hull { car }, Part::Hull { car: 0 }) => {
                     self.hulls_on = if begins { self.hulls_on + 1 } else { self.hulls_on.saturating_sub(1) };
@@ -183,10 +183,10 @@ impl ObstacleCarRacing {
     }
 
     fn slow_down(&mut self, car: usize) {
-        let mut v = self.course.hull(car).velocity();
+        let mut v = self.lap.hull(car).velocity();
         v.x = (f64::from(v.x) * SLOWED) as f32;
         v.y = (f64::from(v.y) * SLOWED) as f32;
-        self.course.world.set_velocity(self.course.cars[car].hull(), v);
+        self.lap.world.set_velocity(self.lap.cars[car].hull(), v);
     }
 
     /// Gives the agent's action to its car, or what the aids make of it.
@@ -204,15 +204,15 @@ impl ObstacleCarRacing {
         }
         if self.aids.recover {
             // As in the reference code: two calls a step, hence a ramp twice as steep.
-            self.course.agent().gas(gas);
+            self.lap.agent().gas(gas);
         }
-        let v = speed(self.course.hull(0));
+        let v = speed(self.lap.hull(0));
         let gas = if v > 40.0 { (0.05 * (40.0 - v)).clamp(0.0, 0.1) } else { gas };
         self.execute([steer, gas, brake]);
     }
 
     fn execute(&mut self, [steer, gas, brake]: [f64; 3]) {
-        let agent = self.course.agent();
+        let agent = self.lap.agent();
         agent.steer(-steer);
         agent.gas(gas);
         agent.brake(brake);
@@ -222,7 +222,7 @@ impl ObstacleCarRacing {
     /// Where the car is far from the road: the angle to steer by, gas and brake that lead back.
     fn recover(&mut self, node: usize) -> Option<[f64; 3]> {
         let (x, y, beta) = {
-            let node = &self.course.track.nodes[node];
+            let node = &self.lap.track.nodes[node];
             (node.x, node.y, node.beta)
         };
         if distance(self.position(0), [x, y]) < 8.0 {
@@ -230,7 +230,7 @@ impl ObstacleCarRacing {
             return None;
         }
         if let Recovery::Turning { balance } = self.recovery {
-            let hull = self.course.hull(0);
+            let hull = self.lap.hull(0);
             let brake = if speed(hull) > 30.0 { 1.0 } else { 0.0 };
             let error = wrap(beta - f64::from(hull.angle()));
             let [angle, gas] = self.follow(0, node, 50.0);
@@ -248,8 +248,8 @@ impl ObstacleCarRacing {
 
     /// The angle to steer by and the gas with which a car keeps the road's direction, aiming at a speed.
     fn follow(&self, car: usize, node: usize, target: f64) -> [f64; 2] {
-        let nodes = &self.course.track.nodes;
-        let hull = self.course.hull(car);
+        let nodes = &self.lap.track.nodes;
+        let hull = self.lap.hull(car);
         let error = wrap(nodes[node].beta - f64::from(hull.angle()));
         let v = speed(hull);
         let angle = if target == 15.0 { 4.0 * error } else { error * (4.0 / (1.0 + 0.05 * v)) };
@@ -263,7 +263,7 @@ impl ObstacleCarRacing {
 
     /// A scripted car goes while the agent is around or another presses from behind, unless one is right ahead.
     fn drive_scripted(&mut self, car: usize, nearest: &[usize]) {
-        let n = self.course.track.nodes.len();
+        let n = self.lap.track.nodes.len();
         let spacing = n / nearest.len();
         let ahead = |from: usize, to: usize| (nearest[to] + n - nearest[from]) % n;
         let mut others = (1..nearest.len()).filter(|&other| other != car);
@@ -277,32 +277,32 @@ impl ObstacleCarRacing {
         } else {
             [0.0, 0.0, 1.0]
         };
-        let car = &mut self.course.cars[car];
+        let car = &mut self.lap.cars[car];
         car.steer(angle);
         car.gas(gas);
         car.brake(brake);
     }
 }
 
-/// A fresh course with its chuckholes and cars.
-fn place(seed: Seed, obstacles: Obstacles, trig: Trig) -> Course {
-    let mut course = Course::new(seed, trig, false);
+/// A fresh lap with its chuckholes and cars.
+fn place(seed: Seed, obstacles: Obstacles, trig: Trig) -> Lap {
+    let mut lap = Lap::new(seed, trig, false);
     let mut stream = ChoiceStream::obstacles(seed);
-    let n = course.track.nodes.len();
+    let n = lap.track.nodes.len();
     for tile in chuckhole_tiles(n, &mut stream) {
-        let node = &course.track.nodes[tile];
+        let node = &lap.track.nodes[tile];
         let ahead = NODE_STEP / 2.0;
         let at = [node.x - ahead * trig::sin(node.beta), node.y + ahead * trig::cos(node.beta)];
-        course.add_chuckhole(at);
+        lap.add_chuckhole(at);
     }
     let n_cars = match obstacles {
         Obstacles::Chuckholes => 1,
         Obstacles::ChuckholesAndCars => N_CARS,
     };
     for car in 0..n_cars {
-        course.add_car(car * (n / n_cars));
+        lap.add_car(car * (n / n_cars));
     }
-    course
+    lap
 }
 
 /// Draws the tiles that get a chuckhole on a track of `n`.
@@ -349,23 +349,23 @@ impl Env for ObstacleCarRacing {
     }
 
     fn state(&self) -> Vec<f32> {
-        self.course.state().to_vec()
+        self.lap.state().to_vec()
     }
 
     fn truth(&self) -> Truth {
-        let course = &self.course;
-        let holes = course.chuckholes.iter().enumerate().map(|(i, &at)| (i, at, 0.0));
-        let cars = (1..course.cars.len()).map(|car| (car, self.position(car), speed(course.hull(car))));
+        let lap = &self.lap;
+        let holes = lap.chuckholes.iter().enumerate().map(|(i, &at)| (i, at, 0.0));
+        let cars = (1..lap.cars.len()).map(|car| (car, self.position(car), speed(lap.hull(car))));
         Truth {
             contacts: Some(Contacts { chuckhole: self.wheels_in[0] > 0, car: self.hulls_on > 0 }),
-            chuckhole: course.next_obstacle(holes),
-            car: course.next_obstacle(cars),
-            ..course.truth()
+            chuckhole: lap.next_obstacle(holes),
+            car: lap.next_obstacle(cars),
+            ..lap.truth()
         }
     }
 
     fn picture(&self, width: u32, height: u32) -> Vec<u8> {
-        picture(&self.course.scene(true), width, height)
+        picture(&self.lap.scene(true), width, height)
     }
 }
 
@@ -375,14 +375,14 @@ impl Traced for ObstacleCarRacing {
     }
 
     fn score(&self) -> f64 {
-        self.course.score()
+        self.lap.score()
     }
 
     fn car_states(&self) -> Vec<[f32; 6]> {
-        self.course.car_states()
+        self.lap.car_states()
     }
 
     fn raw_image(&self) -> Vec<u8> {
-        state_image(&self.course.scene(false), SIDE)
+        state_image(&self.lap.scene(false), SIDE)
     }
 }

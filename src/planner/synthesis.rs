@@ -100,7 +100,7 @@ pub fn synthesize(
     on_iteration: &mut dyn FnMut(usize) -> ControlFlow<()>,
 ) -> Result<Option<Vec<DreamEpisode>>, NotFinite> {
     // Only the actions are moved: no gradient of anything else is asked for.
-    let reward = &reward.frozen();
+    let reward = &reward.for_inference();
     let n_searches = BEGINNINGS.len() + 1;
     let starts: Vec<_> = wanted.iter().flat_map(|(start, _)| vec![*start; n_searches]).collect();
     let start = State::side_by_side(&starts);

@@ -11,7 +11,7 @@ use tch::{Kind, Tensor};
 use crate::dream::Rows;
 use crate::env::{Action, ScaledAction};
 use crate::query::{Label, SEGMENT_LEN, SegmentRef};
-use crate::reward::figures::{Figures, Foretold};
+use crate::reward::metrics::{Prediction, PredictionMetrics};
 use crate::reward::{RewardConfig, RewardEnsemble};
 use crate::tensor::{NotFinite, dims, from_slice, require_finite, to_vec};
 
@@ -64,7 +64,7 @@ pub struct Trainer {
     adam: nn::Optimizer,
     pairs: Vec<Pair>,
     /// What was foretold of each answer, where it was.
-    foretold: Vec<Option<Foretold>>,
+    foretold: Vec<Option<Prediction>>,
 }
 
 /// A [`SegmentPair`] in the ensemble's arithmetic.
@@ -101,7 +101,7 @@ impl Trainer {
     ///
     /// # Panics
     /// Where the segments are not [`SEGMENT_LEN`] rows of the ensemble's width.
-    pub fn learn(&mut self, pair: &SegmentPair) -> Foretold {
+    pub fn learn(&mut self, pair: &SegmentPair) -> Prediction {
         self.take_up(pair);
         let idx = self.pairs.len() - 1;
         let foretold = self.foretell(&self.pairs[idx]);
@@ -146,14 +146,14 @@ impl Trainer {
     }
 
     /// How well the last [`RECENT`] answers were foretold before they were learned.
-    pub fn recent(&self) -> Option<Figures> {
+    pub fn recent(&self) -> Option<PredictionMetrics> {
         let foretold: Vec<_> = self.foretold.iter().flatten().copied().collect();
-        Figures::of(&foretold[foretold.len().saturating_sub(RECENT)..])
+        PredictionMetrics::of(&foretold[foretold.len().saturating_sub(RECENT)..])
     }
 
     /// How well all answers were foretold before they were learned.
-    pub fn overall(&self) -> Option<Figures> {
-        Figures::of(&self.foretold.iter().flatten().copied().collect::<Vec<_>>())
+    pub fn overall(&self) -> Option<PredictionMetrics> {
+        PredictionMetrics::of(&self.foretold.iter().flatten().copied().collect::<Vec<_>>())
     }
 
     /// Fits a fresh ensemble to all answers, as the authors do: no validation split, a fixed number of steps.
@@ -203,7 +203,7 @@ impl Trainer {
         fraction: f64,
         rng: &mut impl Rng,
         on_epoch: impl FnMut(&EpochReport) -> ControlFlow<()>,
-    ) -> Result<Option<Figures>, NotFinite> {
+    ) -> Result<Option<PredictionMetrics>, NotFinite> {
         let mut pairs = self.pairs.clone();
         pairs.shuffle(rng);
         let held_out = pairs.split_off(pairs.len() - (fraction * pairs.len() as f64).round() as usize);
@@ -214,14 +214,14 @@ impl Trainer {
         if rest.fit(rng, on_epoch)?.is_break() {
             return Ok(None);
         }
-        Ok(Figures::of(&held_out.iter().map(|pair| rest.foretell(pair)).collect::<Vec<_>>()))
+        Ok(PredictionMetrics::of(&held_out.iter().map(|pair| rest.foretell(pair)).collect::<Vec<_>>()))
     }
 
     /// A fresh ensemble that thinks nothing of any state yet.
     fn begin_anew(&mut self, rng: &mut impl Rng) {
         self.ensemble = self.ensemble.fresh(rng);
         // DIFFERENCE: the authors begin with outputs as drawn: likes and dislikes by chance, which a short fit keeps.
-        self.ensemble.silence();
+        self.ensemble.zero_output();
         self.adam = adam(&self.ensemble);
     }
 
@@ -248,7 +248,7 @@ impl Trainer {
     }
 
     /// What the mean of the members expects of `pair`.
-    fn foretell(&self, pair: &Pair) -> Foretold {
+    fn foretell(&self, pair: &Pair) -> Prediction {
         let e = self.ensemble.config.members;
         let returns = tch::no_grad(|| {
             let rows = pair.rows.unsqueeze(0).unsqueeze(0); // [1, 1, 2, k, F + A]
@@ -256,7 +256,7 @@ impl Trainer {
         });
         let returns = returns.mean_dim(0, false, Kind::Float); // [1, 2]
         let gap = returns.double_value(&[0, 0]) - returns.double_value(&[0, 1]);
-        Foretold { p: 1.0 / (1.0 + (-gap).exp()), label: pair.label }
+        Prediction { p: 1.0 / (1.0 + (-gap).exp()), label: pair.label }
     }
 }
 
@@ -376,7 +376,7 @@ mod tests {
         });
         assert!(done.unwrap().is_continue() && last.iter().all(|loss| *loss < 0.1), "{last:?}");
         let all: Vec<_> = trainer.pairs.iter().map(|pair| trainer.foretell(pair)).collect();
-        assert_eq!(Figures::of(&all).unwrap().agreement, Some(1.0));
+        assert_eq!(PredictionMetrics::of(&all).unwrap().agreement, Some(1.0));
     }
 
     #[test]
@@ -454,7 +454,7 @@ mod tests {
         let mut trainer = trainer(RewardConfig::tiny());
         let before = trainer.foretold[3].unwrap();
         trainer.relabel(3, Label::EQUAL);
-        assert_eq!(trainer.foretold[3], Some(Foretold { label: Label::EQUAL, ..before }));
+        assert_eq!(trainer.foretold[3], Some(Prediction { label: Label::EQUAL, ..before }));
         trainer.take_up(&pair(SafetyAnswer::OnlyLeft, 9));
         trainer.adopt(Trainer::new(RewardEnsemble::new(F, "sha256:0", RewardConfig::tiny(), &mut rng(1))));
         assert_eq!((trainer.n_labels(), trainer.overall().map(|figures| figures.n)), (9, Some(8)));

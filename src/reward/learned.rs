@@ -2,7 +2,7 @@
 
 use tch::Tensor;
 
-use crate::reward::{FrozenReward, RewardEnsemble, RewardError, RewardModel, SparseReward};
+use crate::reward::{InferenceReward, RewardEnsemble, RewardError, RewardModel, SparseReward};
 use crate::tensor::Parameters;
 use crate::world_model::ModelIdentity;
 
@@ -10,7 +10,7 @@ use crate::world_model::ModelIdentity;
 #[derive(Debug)]
 pub enum LearnedReward {
     /// Learned from pairs of clips.
-    Preferences(FrozenReward),
+    Preferences(InferenceReward),
     /// Learned from single transitions.
     Verdicts(SparseReward),
 }
@@ -21,11 +21,11 @@ impl LearnedReward {
         if SparseReward::is_in(parameters) {
             let reward = SparseReward::load(parameters)?;
             reward.require(wanted)?;
-            return Ok(Self::Verdicts(reward.frozen()));
+            return Ok(Self::Verdicts(reward.for_inference()));
         }
         let reward = RewardEnsemble::load(parameters)?;
         reward.require(wanted)?;
-        Ok(Self::Preferences(reward.frozen()))
+        Ok(Self::Preferences(reward.for_inference()))
     }
 
     /// Whether it was learned from single transitions, for which a planner looks further ahead (method §11).

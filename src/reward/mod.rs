@@ -3,13 +3,13 @@
 //! Never sees a frame: it reads a state's features and the scaled action, and nothing else.
 
 mod disagreement;
-pub mod figures;
 pub mod fit;
-pub mod frozen;
+pub mod inference;
 pub mod learned;
-pub mod recipe;
+pub mod metrics;
+pub mod preference_fit;
 pub mod sparse;
-pub mod verdicts;
+pub mod sparse_fit;
 
 use rand::{Rng, SeedableRng as _};
 use rand_chacha::ChaCha8Rng;
@@ -25,13 +25,13 @@ use crate::tensor::{
 };
 use crate::world_model::{ModelIdentity, fast_kind};
 
-pub use figures::Figures;
 pub use fit::{EpochReport, SegmentPair, Trainer, segment_rows};
-pub use frozen::FrozenReward;
+pub use inference::InferenceReward;
 pub use learned::LearnedReward;
-pub use recipe::{Fitted, fit_anew, foretell_held_out};
+pub use metrics::PredictionMetrics;
+pub use preference_fit::{Fitted, fit_anew, predict_held_out};
 pub use sparse::{SparseConfig, SparseReward, transition_row};
-pub use verdicts::{FittedVerdicts, HeldOut, fit_verdicts};
+pub use sparse_fit::{HeldOut, SparseFit, fit_sparse_anew};
 
 /// The most that a fit goes through all labels, as in the authors' code for Car Racing: few labels are soon known by heart.
 const MAX_EPOCHS: usize = 60;
@@ -232,7 +232,7 @@ impl RewardEnsemble {
     }
 
     /// Makes the reward of everything 0, without touching what lies before the outputs.
-    fn silence(&mut self) {
+    fn zero_output(&mut self) {
         let Some(Layer { weight, bias }) = self.layers.last_mut() else { return };
         tch::no_grad(|| drop([weight.zero_(), bias.zero_()]));
     }

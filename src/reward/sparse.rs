@@ -202,7 +202,7 @@ impl SparseReward {
     }
 
     /// The same networks, which learn no more and compute in whatever is quickest here.
-    pub fn frozen(&self) -> Self {
+    pub fn for_inference(&self) -> Self {
         let mut frozen = Self::load(&self.parameters()).unwrap_or_else(|e| unreachable!("just written: {e}"));
         frozen.store.freeze();
         Self { kind: fast_kind(), ..frozen }

@@ -103,7 +103,7 @@ impl Session {
             }
             self.check_in_use(segment.dream)?;
         }
-        if let Choice::Again(of) = choice {
+        if let Choice::Repeat(of) = choice {
             let Query { left, right, .. } = self.asked(of)?.query;
             if segments != [left, right] && segments != [right, left] {
                 return Err(Impossible::OtherSegments { query, of });
@@ -127,7 +127,7 @@ impl Session {
             return Err(Impossible::Transition(transition));
         }
         self.check_in_use(transition.dream)?;
-        if let Choice::Again(of) = choice
+        if let Choice::Repeat(of) = choice
             && self.asked(of)?.transition != Some(transition)
         {
             return Err(Impossible::OtherSegments { query, of });

@@ -292,7 +292,7 @@ pub enum SessionError {
     },
     /// A file does not tell what clips look like.
     #[error("cannot read what the clips look like: {met}; `dropj replay --record` writes it anew: {path:?}")]
-    Looks {
+    ClipHashes {
         /// What was met.
         met: String,
         /// Its path.

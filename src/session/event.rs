@@ -160,7 +160,8 @@ pub enum Choice {
     /// It is of a trajectory that was made to be this.
     Synthesized(Acquisition),
     /// To see whether the annotator answers as before, perhaps with the sides changed over.
-    Again(QueryId),
+    #[serde(rename = "again")]
+    Repeat(QueryId),
 }
 
 impl From<Strategy> for Choice {
@@ -315,7 +316,7 @@ pub(super) mod tests {
         vec![
             Event::DreamKept(kept.clone()),
             asked(Choice::Uniform),
-            asked(Choice::Again(QueryId(0))),
+            asked(Choice::Repeat(QueryId(0))),
             answered(Response::Safety(SafetyAnswer::Both(Preference::Right))),
             answered(Response::Preferred(Preference::Left)),
             answered(Response::Justified(Justification(0), Preference::Equal)),

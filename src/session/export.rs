@@ -30,14 +30,14 @@ pub fn labels_csv(session: &Session) -> String {
 fn write_row(csv: &mut String, asked: &AskedQuery, given: &Given, weights: &Weights) {
     let &AskedQuery { query, transition, choice, .. } = asked;
     let Given { answer, protocol, at, .. } = given;
-    let is_again = matches!(choice, Choice::Again(_));
+    let is_again = matches!(choice, Choice::Repeat(_));
     let choice = match choice {
         Choice::Uniform => "uniform".to_owned(),
         Choice::Balanced => "balanced".to_owned(),
         Choice::Disagreement => "disagreement".to_owned(),
         Choice::SafetyBoundary => "safety_boundary".to_owned(),
         Choice::Synthesized(acquisition) => made_to_be(acquisition).to_owned(),
-        Choice::Again(of) => format!("again {}", of.0),
+        Choice::Repeat(of) => format!("again {}", of.0),
     };
     // A query that was asked again is no second label.
     let label = weights.label(&answer.response).filter(|_| !is_again);

@@ -213,7 +213,7 @@ mod tests {
         let fit = (any::<u64>(), any::<u64>(), prop::collection::vec(0.0f32..1e9, 0..4));
         prop_oneof![
             (query(), segment(), segment()).prop_map(|(query, left, right)| {
-                Event::Asked { query, left, right, choice: Choice::Again(query) }
+                Event::Asked { query, left, right, choice: Choice::Repeat(query) }
             }),
             answer.prop_map(|(query, response, secs, annotator, left_unsafe_from)| {
                 Event::Answered(Answer { left_unsafe_from, ..Answer::new(query, response, secs, &annotator) })

@@ -299,7 +299,7 @@ fn append(
     for entry in &reading.contents.entries {
         let at = |segment: SegmentRef| Some(SegmentRef { dream: *dreams.get(&segment.dream)?, ..segment });
         let again = |choice: Choice, numbers: &BTreeMap<QueryId, QueryId>| match choice {
-            Choice::Again(of) => numbers.get(&of).copied().map(Choice::Again),
+            Choice::Repeat(of) => numbers.get(&of).copied().map(Choice::Repeat),
             choice => Some(choice),
         };
         match &entry.event {

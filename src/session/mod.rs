@@ -13,24 +13,24 @@
 //! └── world_model.safetensors      or a path to it in session.json; its hash decides
 //! ```
 
-pub mod again;
 pub mod annotators;
 pub mod arrays;
 mod check;
+pub mod clip_hash;
 pub mod error;
 pub mod event;
 pub mod export;
 pub mod header;
 pub mod journal;
+pub mod list;
+mod loaded;
 pub mod log;
-pub mod look;
 pub mod merge;
-mod elsewhere;
 mod new;
-mod opened;
-pub mod recent;
 pub mod repair;
+pub mod repeats;
 pub mod replay;
+mod save_as;
 pub mod statistics;
 pub mod store;
 mod trajectories;
@@ -44,18 +44,18 @@ use crate::query::{
 };
 
 pub use annotators::{AnnotatorReport, Annotators, share_dreams};
-pub use elsewhere::Elsewhere;
+pub use clip_hash::{ClipHash, ClipHashes, FILE as CLIPS_FILE};
 pub use error::{Impossible, SessionError};
 pub use event::{Answer, Choice, DreamSource, Entry, Event, Fit, KeptDream};
 pub use header::{Config, FORMAT, Header, date};
 pub use journal::{DreamJournal, UnfinishedDream};
-pub use look::{FILE as CLIPS_FILE, Look, Looks};
+pub use list::{ListedSession, latest, list_sessions};
+pub use loaded::LoadedSession;
 pub use merge::{hand_on, hand_on_in, merge, merge_counted, merge_in, relative};
 pub use new::NewSession;
-pub use opened::OpenedSession;
-pub use recent::{Recent, latest, look_at, recent};
 pub use repair::{Note, Origin, Repair, repair};
 pub use replay::{REFIT_TOLERANCE, Replay, ReplayedFit, replay};
+pub use save_as::SavedAs;
 pub use statistics::Statistics;
 pub use store::{SessionStore, now};
 

@@ -3,9 +3,9 @@
 use std::path::Path;
 
 use crate::run::{Building, RunError};
+use crate::session::clip_hash;
 use crate::session::error::SessionError;
 use crate::session::header::{self, Header};
-use crate::session::look;
 use crate::session::store::{DREAMS, LOG_FILE, REWARDS, SessionStore};
 use crate::session::worlds::WORLD_MODEL_FILE;
 
@@ -47,7 +47,7 @@ impl NewSession {
 fn is_of_a_session(way: &Path) -> bool {
     let Some(name) = way.file_name().and_then(|name| name.to_str()) else { return false };
     match way.parent().and_then(Path::to_str) {
-        Some("") => [LOG_FILE, WORLD_MODEL_FILE, header::FILE, look::FILE].contains(&name),
+        Some("") => [LOG_FILE, WORLD_MODEL_FILE, header::FILE, clip_hash::FILE].contains(&name),
         Some(DREAMS | REWARDS) => name.ends_with(".safetensors") || name.starts_with("journal-"),
         _ => false,
     }

@@ -505,7 +505,7 @@ impl Mending<'_> {
     }
 
     fn choice(&self, choice: Choice) -> Result<Choice, String> {
-        if let Choice::Again(of) = choice { self.query(of).map(Choice::Again) } else { Ok(choice) }
+        if let Choice::Repeat(of) = choice { self.query(of).map(Choice::Repeat) } else { Ok(choice) }
     }
 
     fn segment(&mut self, segment: SegmentRef) -> Result<SegmentRef, String> {

@@ -6,10 +6,10 @@ use std::path::{Path, PathBuf};
 
 use crate::dream::{DreamEpisode, Rows};
 use crate::query::{DreamId, JudgedTransition, LabeledQuery, SEGMENT_LEN, SegmentRef, Transition};
-use crate::reward::{RewardEnsemble, SparseReward, fit_anew, fit_verdicts, segment_rows, transition_row};
+use crate::reward::{RewardEnsemble, SparseReward, fit_anew, fit_sparse_anew, segment_rows, transition_row};
+use crate::session::clip_hash::{self, ClipHash, ClipHashes};
 use crate::session::error::SessionError;
 use crate::session::header::Header;
-use crate::session::look::{self, Look, Looks};
 use crate::session::store::{read, read_dream, read_parameters};
 use crate::session::{FittedReward, Session, log};
 use crate::world_model::WorldModel;
@@ -33,7 +33,7 @@ pub struct Replay {
     /// Dreams that were deleted and whose files cannot be read.
     pub lost: Vec<DreamId>,
     /// What every segment that was asked about looks like.
-    pub clips: Looks,
+    pub clips: ClipHashes,
     /// The rewards that were learned, and from what.
     pub fits: Vec<ReplayedFit>,
 }
@@ -77,7 +77,7 @@ pub fn replay(dir: &Path, model: &WorldModel) -> Result<Replay, SessionError> {
     for SegmentRef { dream, start } in session.queries().iter().flat_map(|a| [a.query.left, a.query.right]) {
         starts.entry(dream).or_default().insert(start);
     }
-    let (mut clips, mut lost) = (Looks::new(), Vec::new());
+    let (mut clips, mut lost) = (ClipHashes::new(), Vec::new());
     for kept in session.dreams() {
         // One dream at a time, whether asked about or not: a damaged one is found either way.
         let episode = match read_dream(dir, &session, kept.dream, Some(model.identity())) {
@@ -89,7 +89,7 @@ pub fn replay(dir: &Path, model: &WorldModel) -> Result<Replay, SessionError> {
         };
         for &start in starts.get(&kept.dream).into_iter().flatten() {
             let frames = episode.frames(model, start..start + SEGMENT_LEN);
-            clips.insert((kept.dream, start), Look::of(&frames));
+            clips.insert((kept.dream, start), ClipHash::of(&frames));
         }
     }
     let fits = fits(dir, &reading.header, &reading.contents, &session);
@@ -100,21 +100,21 @@ pub fn replay(dir: &Path, model: &WorldModel) -> Result<Replay, SessionError> {
 impl Replay {
     /// Writes down what the clips look like now, for later replays to compare with.
     pub fn record_clips(&self) -> Result<(), SessionError> {
-        look::write(&self.dir, &self.clips)
+        clip_hash::write(&self.dir, &self.clips)
     }
 
     /// What the clips looked like when that was written down, if it was.
-    pub fn recorded_clips(&self) -> Result<Option<Looks>, SessionError> {
-        look::read(&self.dir)
+    pub fn recorded_clips(&self) -> Result<Option<ClipHashes>, SessionError> {
+        clip_hash::read(&self.dir)
     }
 
     /// Those of `then` that look otherwise now, or are not asked about; those that are [lost](Self::lost) are left out.
-    pub fn changed_clips(&self, then: &Looks) -> Vec<(DreamId, usize)> {
-        let is_same = |clip: &(DreamId, usize), look: &Look| {
-            self.clips.get(clip).is_some_and(|now| now.apart(look) <= Look::TOLERANCE)
+    pub fn changed_clips(&self, then: &ClipHashes) -> Vec<(DreamId, usize)> {
+        let is_same = |clip: &(DreamId, usize), hash: &ClipHash| {
+            self.clips.get(clip).is_some_and(|now| now.apart(hash) <= ClipHash::TOLERANCE)
         };
         let then = then.iter().filter(|((dream, _), _)| !self.lost.contains(dream));
-        then.filter(|(clip, look)| !is_same(clip, look)).map(|(clip, _)| *clip).collect()
+        then.filter(|(clip, hash)| !is_same(clip, hash)).map(|(clip, _)| *clip).collect()
     }
 
     /// Learns a reward of this session again and returns the last loss of each member.
@@ -132,7 +132,7 @@ impl Replay {
                 Ok::<_, SessionError>(transition_row(features, &episode.actions, transition.step))
             };
             let fitted =
-                fit_verdicts(model, config, seed, &replayed.judged, row, |_| ControlFlow::Continue(()))?;
+                fit_sparse_anew(model, config, seed, &replayed.judged, row, |_| ControlFlow::Continue(()))?;
             return Ok(fitted.expect("nobody stops this fit").losses);
         }
         let config = RewardEnsemble::load(&parameters).map_err(wrong)?.config().clone();

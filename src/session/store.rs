@@ -218,7 +218,7 @@ impl SessionStore {
     /// Writes down that `event` happened now; when this returns it is on disk, or nothing has changed.
     ///
     /// What somebody said or chose and could not be written is kept for [`Self::try_again`] and
-    /// [`Self::save_elsewhere`]; it does not count before.
+    /// [`Self::save_as`]; it does not count before.
     pub fn record(&mut self, event: Event) -> Result<(), SessionError> {
         self.record_at(event, now())
     }

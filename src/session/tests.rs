@@ -167,7 +167,7 @@ fn what_is_asked_again_teaches_nothing_and_moves_no_count() {
     let again = |id, of| {
         let segment = |start| SegmentRef { dream: DreamId(0), start };
         let (left, right) = (segment(10), segment(0));
-        Event::Asked { query: QueryId(id), left, right, choice: Choice::Again(QueryId(of)) }
+        Event::Asked { query: QueryId(id), left, right, choice: Choice::Repeat(QueryId(of)) }
     };
     let both = |preference| Response::Safety(SafetyAnswer::Both(preference));
     for id in 0..10 {
@@ -216,7 +216,7 @@ fn what_cannot_have_happened_is_refused_and_changes_nothing() {
     let again = |of| {
         let segment = |start| SegmentRef { dream: DreamId(0), start };
         let (left, right) = (segment(10), segment(9));
-        Event::Asked { query: QueryId(1), left, right, choice: Choice::Again(QueryId(of)) }
+        Event::Asked { query: QueryId(1), left, right, choice: Choice::Repeat(QueryId(of)) }
     };
     let step = Answer { left_unsafe_from: Some(20), ..Answer::new(QueryId(0), BOTH, 1.0, "anna") };
     let fit = |after, loss| Event::Fitted {

@@ -241,7 +241,7 @@ impl<'a> Painter<'a> {
         let layout = model.identity().layout();
         let loaded = model.parameters().fill("vae", &config.slots(), layout, &store);
         loaded.unwrap_or_else(|e| unreachable!("the model was loaded from them: {e}"));
-        Self { model, eyes: vae.frozen(fast_kind()) }
+        Self { model, eyes: vae.for_inference(fast_kind()) }
     }
 
     /// The same moments in paint.

@@ -7,8 +7,8 @@ use std::f32::consts::PI;
 
 use rand::{Rng, RngExt as _};
 
-use super::encounter::Encounter;
-use super::hand::{Grip, Hand, LOCK, Wish};
+use super::actuation::{Actuator, InputKind, LOCK, Setpoint};
+use super::obstacle_policy::ObstaclePolicy;
 use crate::env::{Action, STEPS_PER_SEC, Truth};
 
 /// Half the road in units.
@@ -67,13 +67,13 @@ enum Intent {
 pub struct ScriptedPilot {
     style: PilotStyle,
     intent: Intent,
-    hand: Option<Hand>,
+    actuator: Option<Actuator>,
     /// Steps until the next stretch.
     steps_left: u32,
     /// Whether this stretch leaves the road on purpose.
     is_excursion: bool,
     /// What it makes of the next chuckhole and of the next car.
-    encounters: [Option<Encounter>; 2],
+    policies: [Option<ObstaclePolicy>; 2],
 }
 
 impl ScriptedPilot {
@@ -82,10 +82,10 @@ impl ScriptedPilot {
         Self {
             style,
             intent: Intent::Stop { brake: 0.0 },
-            hand: None,
+            actuator: None,
             steps_left: 0,
             is_excursion: false,
-            encounters: [None; 2],
+            policies: [None; 2],
         }
     }
 
@@ -109,12 +109,12 @@ impl ScriptedPilot {
             self.begin_stretch(truth, rng);
         }
         self.steps_left = self.steps_left.saturating_sub(1);
-        for (encounter, obstacle) in self.encounters.iter_mut().zip([truth.chuckhole, truth.car]) {
-            *encounter = obstacle.and_then(|it| Encounter::with(it, *encounter, truth, rng));
+        for (policy, obstacle) in self.policies.iter_mut().zip([truth.chuckhole, truth.car]) {
+            *policy = obstacle.and_then(|it| ObstaclePolicy::with(it, *policy, truth, rng));
         }
-        let wish = self.wish(truth);
-        match &mut self.hand {
-            Some(hand) => hand.act(wish, rng),
+        let setpoint = self.setpoint(truth);
+        match &mut self.actuator {
+            Some(actuator) => actuator.act(setpoint, rng),
             None => Action::default(),
         }
     }
@@ -145,7 +145,7 @@ impl ScriptedPilot {
         };
         self.intent = intent;
         self.steps_left = (secs * STEPS_PER_SEC as f32) as u32;
-        self.hand = Some(Hand::new(self.grip(rng), rng));
+        self.actuator = Some(Actuator::new(self.input(rng), rng));
     }
 
     /// A way of driving on the road.
@@ -179,21 +179,21 @@ impl ScriptedPilot {
     }
 
     /// How the controls are worked in a stretch.
-    fn grip(&self, rng: &mut impl Rng) -> Grip {
+    fn input(&self, rng: &mut impl Rng) -> InputKind {
         let share: f64 = rng.random();
         // The menu can neither stand still nor spin.
         let can_menu = !matches!(self.intent, Intent::Stop { .. } | Intent::Spin { .. });
         if share < self.style.keys {
-            Grip::Keys
+            InputKind::Keys
         } else if share < self.style.keys + self.style.menu && can_menu {
-            Grip::Menu
+            InputKind::Menu
         } else {
-            Grip::Stick
+            InputKind::Stick
         }
     }
 
     /// What the intent wants of the car right now.
-    fn wish(&self, truth: &Truth) -> Wish {
+    fn setpoint(&self, truth: &Truth) -> Setpoint {
         match self.intent {
             Intent::Follow { speed, line } => self.follow(truth, speed, line),
             Intent::Cut { speed, inside } => {
@@ -201,20 +201,21 @@ impl ScriptedPilot {
                 let line = if bend.abs() > 0.3 { -bend.signum() * inside } else { 0.0 };
                 self.follow(truth, speed, line)
             }
-            Intent::Across { speed, angle, .. } => {
-                Wish { wheels: wheels(angle - truth.heading_error), throttle: throttle(speed - truth.speed) }
-            }
-            Intent::Spin { side, throttle } => Wish { wheels: side * LOCK, throttle },
+            Intent::Across { speed, angle, .. } => Setpoint {
+                wheels: wheels(angle - truth.heading_error),
+                throttle: throttle(speed - truth.speed),
+            },
+            Intent::Spin { side, throttle } => Setpoint { wheels: side * LOCK, throttle },
             Intent::Stop { brake } => {
-                Wish { wheels: 0.0, throttle: if truth.speed > 0.5 { -brake } else { 0.0 } }
+                Setpoint { wheels: 0.0, throttle: if truth.speed > 0.5 { -brake } else { 0.0 } }
             }
         }
     }
 
     /// Keeps to a line at a speed, slower where the road bends and where the car is off it.
-    fn follow(&self, truth: &Truth, speed: f32, line: f32) -> Wish {
+    fn follow(&self, truth: &Truth, speed: f32, line: f32) -> Setpoint {
         let (mut speed, line) =
-            self.encounters.iter().flatten().fold((speed, line), |aim, met| met.bend(aim, truth));
+            self.policies.iter().flatten().fold((speed, line), |aim, met| met.bend(aim, truth));
         let [near, middle, far] = truth.bends;
         let [near, middle, far] =
             [near / (5.0 * NODE_STEP), middle / (10.0 * NODE_STEP), far / (20.0 * NODE_STEP)];
@@ -233,7 +234,7 @@ impl ScriptedPilot {
         // Where the tail comes round, the wheels point where the car goes and the gas waits.
         let counter = if slip.abs() > 0.25 { slip } else { 0.0 };
         let throttle = throttle(speed - truth.speed);
-        Wish {
+        Setpoint {
             wheels: (turn + counter).clamp(-LOCK, LOCK),
             throttle: if slip.abs() > 0.5 { throttle.min(0.0) } else { throttle },
         }

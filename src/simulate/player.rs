@@ -9,9 +9,9 @@ use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 use tch::Tensor;
 
+use super::handover::{Handover, Learned};
 use super::pilot::{PilotStyle, ScriptedPilot};
 use super::probe::{GAP, Probe, Sight};
-use super::turns::{Learned, Turns};
 use crate::dream::{DreamEpisode, TEMPERATURE};
 use crate::env::{Action, Frame};
 use crate::planner::{PlannerConfig, candidates};
@@ -19,7 +19,7 @@ use crate::tensor::{NotFinite, dims, to_vec};
 use crate::world_model::{LatentState, Memory, Next, Noise, State, WorldModel, actions_tensor};
 
 /// Steps from one look to the next; a person does not look more often than 25 times a second.
-const LOOK_STEPS: usize = 2;
+const VIEW_STEPS: usize = 2;
 /// How much of a new look replaces what was seen before: dreams tremble.
 const TRUST: f32 = 0.6;
 
@@ -146,33 +146,33 @@ pub fn play_all(
     let mut dreams: Vec<_> =
         starts.iter().map(|(start, seed)| DreamEpisode::new((*start).clone(), *seed)).collect();
     let mut players: Vec<_> = starts.iter().map(|(_, seed)| DreamPlayer::new(manner, *seed)).collect();
-    let mut turns: Vec<_> =
-        starts.iter().map(|(_, seed)| learned.map(|learned| Turns::new(learned, *seed))).collect();
+    let mut handovers: Vec<_> =
+        starts.iter().map(|(_, seed)| learned.map(|learned| Handover::new(learned, *seed))).collect();
     let mut noises: Vec<_> = starts.iter().map(|(_, seed)| ChaCha8Rng::seed_from_u64(*seed)).collect();
     let mut state = side_by_side(starts);
     let latent = model.config().mdn_rnn.latent;
-    // The looks of the last GAP steps, the oldest first.
-    let mut looks: Vec<Vec<Frame>> = Vec::new();
+    // The views of the last GAP steps, the oldest first.
+    let mut views: Vec<Vec<Frame>> = Vec::new();
     for step in 0..n_steps {
-        if step % LOOK_STEPS == 0 {
-            looks.push(model.decode(&state.z));
-            if looks.len() > GAP / LOOK_STEPS + 1 {
-                looks.remove(0);
+        if step % VIEW_STEPS == 0 {
+            views.push(model.decode(&state.z));
+            if views.len() > GAP / VIEW_STEPS + 1 {
+                views.remove(0);
             }
-            // Before there is a look of GAP steps ago, the present one stands in for it: nothing moves.
-            let now = &looks[looks.len() - 1];
-            let earlier = if looks.len() > GAP / LOOK_STEPS { &looks[0] } else { now };
+            // Before there is a view of GAP steps ago, the present one stands in for it: nothing moves.
+            let now = &views[views.len() - 1];
+            let earlier = if views.len() > GAP / VIEW_STEPS { &views[0] } else { now };
             for (player, sight) in players.iter_mut().zip(probe.look(earlier, now)) {
                 player.see(sight);
             }
         }
         let zs = to_vec(&state.z);
-        let drivers = players.iter_mut().zip(&mut turns).enumerate();
+        let drivers = players.iter_mut().zip(&mut handovers).enumerate();
         let actions: Vec<_> = drivers
             .zip(dreams.iter_mut().zip(zs.chunks_exact(latent as usize)))
-            .map(|((i, (player, turns)), (dream, z))| {
-                let planned = match turns {
-                    Some(turns) => turns.act(model, &only(&state, i))?,
+            .map(|((i, (player, handover)), (dream, z))| {
+                let planned = match handover {
+                    Some(handover) => handover.act(model, &only(&state, i))?,
                     None => None,
                 };
                 let action = planned.unwrap_or_else(|| player.act());

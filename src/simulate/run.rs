@@ -7,10 +7,10 @@ use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 
 use super::annotator::{Annotator, Judgement};
-use super::asker::Asker;
+use super::handover::Learned;
 use super::player::{Manner, play_all};
 use super::probe::{Probe, Sight};
-use super::turns::Learned;
+use super::query_policy::QueryPolicy;
 use crate::dream::DreamEpisode;
 use crate::env::Frame;
 use crate::planner::PlannerConfig;
@@ -154,7 +154,7 @@ impl Simulated {
         let go_on = |_: &EpochReport| ControlFlow::Continue(());
         let fitted = fit_anew(model, config.reward.clone(), config.seed, &labels, rows, go_on)?;
         let fitted = fitted.unwrap_or_else(|| unreachable!("nobody stops this fit"));
-        Ok(Learned { reward: fitted.trainer.ensemble().frozen(), planner: config.planner.clone() })
+        Ok(Learned { reward: fitted.trainer.ensemble().for_inference(), planner: config.planner.clone() })
     }
 }
 
@@ -183,7 +183,7 @@ pub fn simulate(
     // It learns often, and the paper's members suffice to disagree.
     let members = config.reward.members.min(RewardConfig::car_racing().members);
     let asking = RewardConfig { members, ..config.reward.clone() };
-    let mut asker = Asker::new(model, config.strategy, &asking, config.seed);
+    let mut policy = QueryPolicy::new(model, config.strategy, &asking, config.seed);
     let mut simulated = Simulated { dreams: Vec::new(), answers: Vec::new() };
     let mut pictures = Vec::new();
     for round in 0..config.n_rounds {
@@ -210,13 +210,13 @@ pub fn simulate(
                 return Ok(None);
             }
         }
-        asker.meet(model, &dreams);
+        policy.meet(model, &dreams);
         simulated.dreams.extend(dreams);
         let queries = share(config.n_queries);
         let first = QueryId(queries.start as u32);
-        for query in sample_queries(asker.lens(), queries.len(), first, &mut rng) {
-            let answered = answer(config, probe, &pictures, asker.choose(query));
-            asker.hear(answered.query, answered.response, weights.label(&answered.response))?;
+        for query in sample_queries(policy.lens(), queries.len(), first, &mut rng) {
+            let answered = answer(config, probe, &pictures, policy.choose(query));
+            policy.hear(answered.query, answered.response, weights.label(&answered.response))?;
             simulated.answers.push(answered);
             let n_answers = simulated.answers.len();
             if on_progress(Progress::Answered(n_answers, config.n_queries)).is_break() {

@@ -94,7 +94,7 @@ impl App {
             if !known.is_empty() {
                 let id = known[rng.random_range(0..known.len())];
                 let query = session.query(id)?.query;
-                return Some(([query.right, query.left], Choice::Again(id)));
+                return Some(([query.right, query.left], Choice::Repeat(id)));
             }
         }
         let screened = |rng: &mut ChaCha8Rng, draw: &Draw<'_>| screened(&self.state, rng, draw);

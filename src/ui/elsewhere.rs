@@ -7,7 +7,7 @@ use std::time::Duration;
 use eframe::egui::{Context, ViewportCommand};
 
 use crate::query::Response;
-use crate::session::{DreamSource, Elsewhere as Copied, Event, SessionStore};
+use crate::session::{DreamSource, Event, SavedAs as Copied, SessionStore};
 use crate::ui::App;
 use crate::ui::act::counted;
 use crate::ui::command::{Command, Field, Panel};
@@ -210,7 +210,7 @@ impl App {
         };
         let episodes = &self.state.review.episodes;
         let held = |id| episodes.get(&id).map(|episode| episode.as_ref().clone());
-        match store.save_elsewhere(&out, held, self.state.reward.parameters.as_ref()) {
+        match store.save_as(&out, held, self.state.reward.parameters.as_ref()) {
             Ok(Copied { store, written, left_out }) => {
                 (self.state.store, self.state.saving) = (Some(store), Saving::default());
                 self.forget_troubles();

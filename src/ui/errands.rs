@@ -7,7 +7,7 @@ use eframe::egui::Context;
 
 use crate::dataset::Dataset;
 use crate::session::header::FILE as SESSION_FILE;
-use crate::session::{Annotators, Recent, Session, hand_on_in, look_at, merge_in, recent, share_dreams};
+use crate::session::{Annotators, ListedSession, Session, hand_on_in, list_sessions, merge_in, share_dreams};
 use crate::text::{distinct, shown};
 use crate::ui::App;
 use crate::ui::act::counted;
@@ -178,7 +178,7 @@ impl App {
         let Some(store) = &self.state.store else { return };
         let (own, dir, sessions) = (store.session().clone(), store.dir().to_owned(), self.sessions.clone());
         self.run(ctx, "comparing annotators", move || {
-            let found = recent(&sessions).map_err(|e| e.to_string())?;
+            let found = list_sessions(&sessions).map_err(|e| e.to_string())?;
             let others = found.iter().filter(|recent| !is_same(&recent.dir, &dir));
             let others = others.filter_map(|recent| Some((&recent.dir, &recent.session.as_ref().ok()?.1)));
             let others = others.filter(|(_, other)| share_dreams(&own, other));
@@ -194,10 +194,10 @@ impl App {
         let identity = self.state.world.identity.clone();
         self.run(ctx, "looking at the sessions", move || {
             let is_ours = |named: &str| hash.is_empty() || is_called(identity.as_ref(), &hash, named);
-            let mut found = recent(&sessions).map_err(|e| e.to_string())?;
+            let mut found = list_sessions(&sessions).map_err(|e| e.to_string())?;
             // A folder of those may have been named once more.
             let is_new = |dir: &&PathBuf| !found.iter().any(|known| is_same(&known.dir, dir));
-            let new: Vec<_> = added.iter().filter(is_new).map(|dir| look_at(dir)).collect();
+            let new: Vec<_> = added.iter().filter(is_new).map(|dir| ListedSession::read(dir)).collect();
             found.extend(new);
             let found: Vec<_> = found.iter().map(|recent| described(recent, &is_ours, &added)).collect();
             let names = distinct(&found.iter().map(|session| &session.dir).collect::<Vec<_>>());
@@ -270,7 +270,7 @@ pub(super) fn is_same(one: &Path, other: &Path) -> bool {
 /// A session among those that could be put together with one of the world model that is called what `is_ours` says.
 ///
 /// One of `added` keeps the name that it was added by.
-fn described(recent: &Recent, is_ours: &dyn Fn(&str) -> bool, added: &[PathBuf]) -> RecentSession {
+fn described(recent: &ListedSession, is_ours: &dyn Fn(&str) -> bool, added: &[PathBuf]) -> RecentSession {
     let about = match &recent.session {
         Ok((header, _)) if !is_ours(&header.world_model) => {
             Err("dreamed with another world model".to_owned())

@@ -49,7 +49,7 @@ use eframe::egui::{self, Context, ViewportBuilder};
 use eframe::{CreationContext, wgpu};
 
 use crate::query::QueryId;
-use crate::session::{OpenedSession, SessionStore};
+use crate::session::{LoadedSession, SessionStore};
 use crate::tensor::Parameters;
 use crate::worker::{Job, Report, Reports};
 
@@ -132,7 +132,7 @@ pub struct App {
     /// The list of sessions that is being read.
     looking: Option<Looking>,
     /// The session to go on with once the world model is there, and where to.
-    waiting: Option<(OpenedSession, Option<Panel>)>,
+    waiting: Option<(LoadedSession, Option<Panel>)>,
     /// Reports that were not yet heard when others were thrown away.
     unheard: Vec<Report>,
     sessions: PathBuf,

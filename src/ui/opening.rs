@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use crate::session::{OpenedSession, SessionStore};
+use crate::session::{LoadedSession, SessionStore};
 use crate::text::shown;
 use crate::ui::App;
 use crate::ui::command::Panel;
@@ -14,7 +14,7 @@ use crate::ui::state::State;
 use crate::worker::{Job, Latest};
 
 /// The reading of a session; nothing comes of one that another has overtaken.
-pub(super) type Reading = Job<Result<Option<OpenedSession>, String>>;
+pub(super) type Reading = Job<Result<Option<LoadedSession>, String>>;
 
 /// A session that is being opened.
 pub(super) struct Opening {
@@ -107,7 +107,7 @@ impl App {
             if report(0, 0).is_break() {
                 return Ok(None);
             }
-            Ok(OpenedSession::read(open()?, &mut report))
+            Ok(LoadedSession::read(open()?, &mut report))
         };
         let waker = self.waker.clone();
         let reading = Job::begin("opener", move || waker.request_repaint(), work);
@@ -145,7 +145,7 @@ impl App {
     }
 
     /// Goes on with a session, if it is one of this world model.
-    pub(super) fn go_on_with(&mut self, mut opened: OpenedSession, goes_to: Option<Panel>) {
+    pub(super) fn go_on_with(&mut self, mut opened: LoadedSession, goes_to: Option<Panel>) {
         if !self.state.world.is_of(opened.store.header()) {
             return self
                 .fail("this session was dreamed with another world model: load that one first".to_owned());

@@ -3,7 +3,7 @@
 use std::path::Path;
 use std::sync::mpsc::{Receiver, channel};
 
-use crate::session::{Recent, latest};
+use crate::session::{ListedSession, latest};
 use crate::text::shown;
 use crate::ui::App;
 use crate::ui::act::counted;
@@ -105,7 +105,7 @@ fn look(
 }
 
 /// A session in the window of the world model that is called what `is_ours` says.
-fn described(recent: Recent, is_ours: &dyn Fn(&str) -> bool) -> RecentSession {
+fn described(recent: ListedSession, is_ours: &dyn Fn(&str) -> bool) -> RecentSession {
     let name = recent.dir.file_name().map_or_else(String::new, |name| shown(&name.to_string_lossy()));
     let about = match &recent.session {
         Ok((header, _)) if !is_ours(&header.world_model) => {

@@ -3,7 +3,7 @@
 use std::ops::ControlFlow;
 
 use crate::query::Protocol;
-use crate::session::{Header, OpenedSession, SessionError, SessionStore, UnfinishedDream, now};
+use crate::session::{Header, LoadedSession, SessionError, SessionStore, UnfinishedDream, now};
 use crate::text::shown;
 use crate::ui::App;
 use crate::ui::act::{counted, fresh_seed};
@@ -35,7 +35,7 @@ impl App {
                 self.state.sessions_open = false;
                 self.give_up_opening();
                 // There is nothing to read yet.
-                if let Some(opened) = OpenedSession::read(store, &mut |_, _| ControlFlow::Continue(())) {
+                if let Some(opened) = LoadedSession::read(store, &mut |_, _| ControlFlow::Continue(())) {
                     self.adopt(opened);
                 }
                 // Nothing is to be driven: what is asked about is made there.
@@ -61,8 +61,8 @@ impl App {
     }
 
     /// Goes on with a session, telling the workers all that is in it.
-    pub(super) fn adopt(&mut self, opened: OpenedSession) {
-        let OpenedSession { store, dreams, reward, unfinished } = opened;
+    pub(super) fn adopt(&mut self, opened: LoadedSession) {
+        let LoadedSession { store, dreams, reward, unfinished } = opened;
         self.end_dream();
         self.forget_workers();
         self.state.deploy.is_on = false;

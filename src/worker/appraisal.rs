@@ -33,8 +33,8 @@ impl Jury {
     /// The same reward as a planner is given it.
     pub(super) fn frozen(&self) -> LearnedReward {
         match self {
-            Self::Preferences(reward) => LearnedReward::Preferences(reward.frozen()),
-            Self::Verdicts(reward) => LearnedReward::Verdicts(reward.frozen()),
+            Self::Preferences(reward) => LearnedReward::Preferences(reward.for_inference()),
+            Self::Verdicts(reward) => LearnedReward::Verdicts(reward.for_inference()),
         }
     }
 

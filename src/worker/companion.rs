@@ -227,7 +227,7 @@ mod tests {
         companion.like(&reward.parameters()).unwrap();
         companion.hand_over(true, 3);
         let config = PlannerConfig::car_racing().for_transitions();
-        let by_hand = Agent::new(config, 3).act(&toy::model(), &reward.frozen(), &gray(3)).unwrap().0;
+        let by_hand = Agent::new(config, 3).act(&toy::model(), &reward.for_inference(), &gray(3)).unwrap().0;
         assert_eq!(companion.act(Action::default(), &gray(3)), Ok(Some(by_hand)));
         let refused = companion.like(&verdicts("sha256:0").parameters()).unwrap_err();
         assert!(refused.contains("the planner cannot drive by this reward"), "{refused}");

@@ -391,7 +391,8 @@ mod tests {
         let reports: Vec<_> = inbox.into_iter().collect();
         let [Report::Dreamt { episode, .. }] = &reports[..] else { panic!("{reports:?}") };
         let state = State::from(&toy::start());
-        let by_hand = CoDriver::new(short.for_transitions(), 5).act(&toy::model(), &sparse.frozen(), &state);
+        let by_hand =
+            CoDriver::new(short.for_transitions(), 5).act(&toy::model(), &sparse.for_inference(), &state);
         assert_eq!((episode.n_planned(), episode.actions[0]), (1, by_hand.unwrap()));
     }
 
@@ -409,7 +410,7 @@ mod tests {
         let (mut by_hand, mut driver) =
             (Dream::new(&toy::start(), 5), CoDriver::new(PlannerConfig::car_racing().for_transitions(), 5));
         for t in 0..5 {
-            let reward = &rewards[usize::from(t >= 4)].frozen();
+            let reward = &rewards[usize::from(t >= 4)].for_inference();
             let action = driver.act(&model, reward, by_hand.state()).unwrap();
             by_hand.step_planned(&model, action, rng).unwrap();
         }

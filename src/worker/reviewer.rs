@@ -232,7 +232,7 @@ mod tests {
         let state = model.state_of(rows.row(12));
         let imagine = |seed| {
             let rng = &mut ChaCha8Rng::seed_from_u64(dream.seed ^ seen.step as u64);
-            plan(&model, &ensemble(seed).frozen(), &state, &planner, rng).unwrap()
+            plan(&model, &ensemble(seed).for_inference(), &state, &planner, rng).unwrap()
         };
         let (now, before) = (imagine(1), imagine(0));
         assert_eq!((seen.chosen, seen.chosen_before), (now.chosen, Some(before.chosen)));

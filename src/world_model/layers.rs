@@ -78,7 +78,7 @@ impl Linear {
         ]
     }
 
-    pub(super) fn frozen(&self) -> Self {
+    pub(super) fn for_inference(&self) -> Self {
         Self { weight: self.weight.detach().copy(), bias: self.bias.detach().copy() }
     }
 
@@ -137,7 +137,7 @@ impl Conv {
         Self { layer, is_matrix, weight, bias }
     }
 
-    pub(super) fn frozen(&self, kind: Kind) -> Self {
+    pub(super) fn for_inference(&self, kind: Kind) -> Self {
         let weight = self.weight.detach().to_kind(kind).copy();
         let bias = self.bias.detach().to_kind(kind).copy();
         Self { layer: self.layer, is_matrix: self.is_matrix, weight, bias }
@@ -192,7 +192,7 @@ impl Deconv {
         Self { layer, is_matrix, weight, bias }
     }
 
-    pub(super) fn frozen(&self, kind: Kind) -> Self {
+    pub(super) fn for_inference(&self, kind: Kind) -> Self {
         let weight = self.weight.detach().to_kind(kind).copy();
         let bias = self.bias.detach().to_kind(kind).copy();
         Self { layer: self.layer, is_matrix: self.is_matrix, weight, bias }

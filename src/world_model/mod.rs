@@ -3,7 +3,7 @@
 //! Knows no window, clock or file, and is the only place that knows the order `[z | c | h]` of a state's features.
 
 pub mod fit;
-mod foresight;
+mod fused_rollout;
 mod identity;
 mod layers;
 pub mod mdn_rnn;
@@ -22,7 +22,7 @@ use crate::tensor::{
     to_frames, to_vec,
 };
 
-use foresight::Foresight;
+use fused_rollout::FusedRollout;
 pub use identity::ModelIdentity;
 pub use layers::Layer;
 pub use mdn_rnn::{MdnRnn, MdnRnnConfig, Memory, Mixture, Noise};
@@ -203,12 +203,12 @@ pub struct WorldModel {
     config: WorldModelConfig,
     parameters: Parameters,
     /// Full precision: latents decide.
-    eyes: Vae,
+    encoder: Vae,
     /// Whatever is quickest here: pictures are only looked at.
-    brush: Vae,
+    decoder: Vae,
     mdn_rnn: MdnRnn,
     /// The same memory, rearranged.
-    foresight: Foresight,
+    fused_rollout: FusedRollout,
     starts: Vec<LatentState>,
     held_out: Option<Vec<usize>>,
     identity: ModelIdentity,
@@ -258,10 +258,11 @@ impl WorldModel {
         let mdn_rnn = MdnRnn::new(&memory.root(), config.mdn_rnn.clone(), rng);
         parameters.fill("vae", &of_vae, layout, &vision)?;
         parameters.fill("mdn_rnn", &of_mdn_rnn, layout, &memory)?;
-        let (mut memory, eyes, brush) = (memory, vae.frozen(Kind::Float), vae.frozen(fast_kind()));
+        let (mut memory, encoder, decoder) =
+            (memory, vae.for_inference(Kind::Float), vae.for_inference(fast_kind()));
         memory.freeze();
-        let foresight = Foresight::of(&mdn_rnn);
-        Ok(Self { config, parameters, eyes, brush, mdn_rnn, foresight, starts, held_out, identity })
+        let fused_rollout = FusedRollout::of(&mdn_rnn);
+        Ok(Self { config, parameters, encoder, decoder, mdn_rnn, fused_rollout, starts, held_out, identity })
     }
 
     /// The state, a batch of one, whose features `[z | c | h]` are these.
@@ -322,7 +323,7 @@ impl WorldModel {
     /// # Shapes
     /// - returns `[B, Z]`
     pub fn observe(&self, frames: &[Frame]) -> Tensor {
-        tch::no_grad(|| self.eyes.encode(&from_frames(frames)).0)
+        tch::no_grad(|| self.encoder.encode(&from_frames(frames)).0)
     }
 
     /// An empty memory for a batch of `b`.
@@ -350,7 +351,7 @@ impl WorldModel {
                     (self.mdn_rnn.mixture(&memory.h).sample(temperature, noise), memory)
                 }
                 Next::Mean { temperature } => {
-                    self.foresight.imagine(&state.z, actions, &state.memory, temperature)
+                    self.fused_rollout.imagine(&state.z, actions, &state.memory, temperature)
                 }
             };
             State { z, memory }
@@ -376,7 +377,7 @@ impl WorldModel {
     /// # Shapes
     /// - `z`: `[B, Z]`
     pub fn decode(&self, z: &Tensor) -> Vec<Frame> {
-        tch::no_grad(|| to_frames(&self.brush.decode(z)))
+        tch::no_grad(|| to_frames(&self.decoder.decode(z)))
     }
 }
 

@@ -165,15 +165,15 @@ impl Vae {
     }
 
     /// A copy for use alone, its weights already in `kind`; it cannot be trained.
-    pub fn frozen(&self, kind: Kind) -> Self {
+    pub fn for_inference(&self, kind: Kind) -> Self {
         Self {
             config: self.config.clone(),
             kind,
-            encoder: self.encoder.iter().map(|layer| layer.frozen(kind)).collect(),
-            mean: self.mean.frozen(),
-            log_var: self.log_var.frozen(),
-            decoder_in: self.decoder_in.frozen(),
-            decoder: self.decoder.iter().map(|layer| layer.frozen(kind)).collect(),
+            encoder: self.encoder.iter().map(|layer| layer.for_inference(kind)).collect(),
+            mean: self.mean.for_inference(),
+            log_var: self.log_var.for_inference(),
+            decoder_in: self.decoder_in.for_inference(),
+            decoder: self.decoder.iter().map(|layer| layer.for_inference(kind)).collect(),
         }
     }
 
@@ -371,6 +371,6 @@ mod tests {
         let store = nn::VarStore::new(Device::Cpu);
         let vae = Vae::new(&store.root(), VaeConfig::tiny(), Kind::Float, &mut rng());
         let z = normal(&mut rng(), &[3, 4]);
-        assert_eq!(to_vec(&vae.decode(&z)), to_vec(&vae.frozen(Kind::Float).decode(&z)));
+        assert_eq!(to_vec(&vae.decode(&z)), to_vec(&vae.for_inference(Kind::Float).decode(&z)));
     }
 }

@@ -19,7 +19,7 @@ use dropj::env::{Action, Aids, CarRacing, Env, Seed};
 use dropj::planner::PlannerConfig;
 use dropj::planner::synthesis::SynthesisConfig;
 use dropj::reward::RewardConfig;
-use dropj::session::{DreamSource, Header, OpenedSession, SessionStore};
+use dropj::session::{DreamSource, Header, LoadedSession, SessionStore};
 use dropj::tensor::{Parameters, from_slice};
 use dropj::ui::{
     App, Crew as _, DreamStart, FirstWorld, LoadedWorld, NoPads, Panel, Plans, Slots, Startup, Threads,
@@ -111,7 +111,7 @@ fn opening(harness: &mut Harness<'_, App>, sessions: &Path) {
     drop(store);
     let began = Instant::now();
     let store = SessionStore::open(&dir, None).unwrap();
-    drop(OpenedSession::read(store, &mut |_, _| ControlFlow::Continue(())).unwrap());
+    drop(LoadedSession::read(store, &mut |_, _| ControlFlow::Continue(())).unwrap());
     let at_once = began.elapsed();
 
     harness.get_by_label("Sessions…").click();

@@ -39,7 +39,7 @@ fn here(model: &WorldModel) -> State {
 
 fn plan_in(bencher: Bencher<'_, '_>, kind: Kind, config: &PlannerConfig) {
     let model = untrained(&WorldModelConfig::car_racing(), &mut rng());
-    let (reward, state, mut rng) = (ensemble(kind).frozen(), here(&model), rng());
+    let (reward, state, mut rng) = (ensemble(kind).for_inference(), here(&model), rng());
     bencher.bench_local(|| {
         plan(&model, &reward, &state, config, &mut rng).expect("numbers stay numbers").chosen
     });

@@ -11,7 +11,7 @@ use dropj::dream::{Dream, DreamEpisode};
 use dropj::env::{Action, End, Frame};
 use dropj::query::{DreamId, Preference, Protocol, Query, QueryId, Response, SafetyAnswer, sample_queries};
 use dropj::session::{
-    Answer, Choice, DreamSource, Event, Fit, Header, NewSession, SessionError, SessionStore, recent,
+    Answer, Choice, DreamSource, Event, Fit, Header, NewSession, SessionError, SessionStore, list_sessions,
 };
 use dropj::world_model::{LatentState, WorldModel, WorldModelConfig, untrained};
 use rand::SeedableRng as _;
@@ -258,7 +258,7 @@ fn a_killed_simulation_does_not_bar_the_next() {
     let long = "simulate --dreams 10 --steps 1000 --queries 500 --out s";
     killed(dir, long, || dir.join("s.partial/session.json").exists());
     assert_eq!(names(dir), ["s.partial"], "nobody takes half of it for the whole");
-    assert_eq!(recent(dir).unwrap().len(), 0);
+    assert_eq!(list_sessions(dir).unwrap().len(), 0);
 
     run(dir, SIMULATION).succeeded();
     assert_eq!(names(dir), ["s"]);
@@ -393,10 +393,10 @@ fn what_is_said_after_a_mishap_is_refused_kept_and_saved_elsewhere() {
         assert_eq!(fs::read(s.join("events.jsonl")).ok(), there, "{mishap}");
 
         let held = |id: DreamId| Some(dream(&model, [40, 25][id.0 as usize], u64::from(id.0) + 1));
-        let elsewhere = store.save_elsewhere(&dir.path().join("e"), held, Some(model.parameters())).unwrap();
-        assert_eq!(elsewhere.left_out, [""; 0], "{mishap}");
-        assert_eq!(elsewhere.written, [answered(QueryId(2), SafetyAnswer::Neither)]);
-        let mut saved = elsewhere.store;
+        let saved = store.save_as(&dir.path().join("e"), held, Some(model.parameters())).unwrap();
+        assert_eq!(saved.left_out, [""; 0], "{mishap}");
+        assert_eq!(saved.written, [answered(QueryId(2), SafetyAnswer::Neither)]);
+        let mut saved = saved.store;
         assert_eq!(saved.header(), store.header());
         assert_eq!(saved.session().answers().len(), 3, "{mishap}");
         saved.record(answered(QueryId(3), SafetyAnswer::OnlyRight)).unwrap();
@@ -416,10 +416,10 @@ fn a_session_whose_folder_was_moved_finds_its_files_though_nothing_is_in_memory(
     let store = session(&s, &model);
     store.save_world_model(&model).unwrap();
     fs::rename(&s, dir.path().join("moved")).unwrap();
-    let elsewhere = store.save_elsewhere(&dir.path().join("e"), |_| None, None).unwrap();
-    assert_eq!(elsewhere.left_out, [""; 0]);
-    assert_eq!(elsewhere.store.dream(DreamId(0)).unwrap().len(), 40);
-    assert!(elsewhere.store.world_model().is_ok());
+    let saved = store.save_as(&dir.path().join("e"), |_| None, None).unwrap();
+    assert_eq!(saved.left_out, [""; 0]);
+    assert_eq!(saved.store.dream(DreamId(0)).unwrap().len(), 40);
+    assert!(saved.store.world_model().is_ok());
 }
 
 #[cfg(unix)]
@@ -479,7 +479,7 @@ fn a_session_of_which_a_file_is_gone_is_not_called_saved() {
         assert!(matches!(&said, SessionError::Gone { path } if path.starts_with(s.join(gone))), "{said}");
         // Its folder is made again by what belongs into it.
         store.save_dream(&dream(&model, 30, 9), DreamSource::User).unwrap();
-        let left_out = store.save_elsewhere(&dir.path().join("e"), |_| None, None).unwrap().left_out;
+        let left_out = store.save_as(&dir.path().join("e"), |_| None, None).unwrap().left_out;
         let expected: &[&str] = match gone {
             "dreams" => &["dreams/0000.safetensors", "dreams/0001.safetensors"],
             "reward" => &["reward/0000.safetensors"],

@@ -12,7 +12,7 @@ use dropj::reward::{
 };
 use dropj::run::Run;
 use dropj::session::arrays::{dream_from_bytes, dream_to_bytes};
-use dropj::session::{Answer, Choice, DreamSource, Event, Fit, Header, OpenedSession, SessionStore, replay};
+use dropj::session::{Answer, Choice, DreamSource, Event, Fit, Header, LoadedSession, SessionStore, replay};
 use dropj::simulate::probe::Probe;
 use dropj::tensor::container::{self, Container, Part};
 use dropj::tensor::{Dtype, Parameters, from_slice, sha256, to_vec};
@@ -332,14 +332,14 @@ fn a_dream_that_does_not_fit_is_refused_by_whoever_reads_it() {
         assert!(ran.refused().contains(said), "{}", ran.err);
         // The window reads what it can, and says what it cannot.
         let store = SessionStore::open(&dir, Some(model.identity())).unwrap();
-        let opened = OpenedSession::read(store, &mut |_, _| ControlFlow::Continue(())).unwrap();
+        let opened = LoadedSession::read(store, &mut |_, _| ControlFlow::Continue(())).unwrap();
         let [first, second] = [0, 1].map(|i| opened.dreams[i].1.as_ref().map_err(ToString::to_string));
         assert!(second.is_ok() && first.unwrap_err().contains(said));
         // So it does where the world model is known only later.
         let store = SessionStore::open(&dir, None);
         drop(opened);
         let store = store.or_else(|_| SessionStore::open(&dir, None)).unwrap();
-        let opened = OpenedSession::read(store, &mut |_, _| ControlFlow::Continue(()));
+        let opened = LoadedSession::read(store, &mut |_, _| ControlFlow::Continue(()));
         let mut opened = opened.unwrap();
         opened.meet(model.identity()).unwrap();
         assert!(opened.dreams[0].1.as_ref().unwrap_err().to_string().contains(said));

@@ -7,7 +7,7 @@ use rand::RngExt as _;
 
 use super::{Learner, NAME};
 use crate::query::{JudgedTransition, QueryId, Transition};
-use crate::reward::{EpochReport, FittedVerdicts, SparseConfig, fit_verdicts};
+use crate::reward::{EpochReport, SparseConfig, SparseFit, fit_sparse_anew};
 use crate::tensor::Parameters;
 use crate::worker::{Learning, Report};
 use crate::world_model::WorldModel;
@@ -71,11 +71,11 @@ impl Judge {
         seed: u64,
         row: impl FnMut(Transition) -> Result<Vec<f32>, String>,
         on_epoch: impl FnMut(&EpochReport) -> ControlFlow<()>,
-    ) -> Result<Option<FittedVerdicts>, String> {
+    ) -> Result<Option<SparseFit>, String> {
         let judged: Vec<_> = self.judged.values().copied().collect();
         // Where it fails it is not tried again before something changes.
         self.n_new = 0;
-        let fitted = fit_verdicts(model, config, seed, &judged, row, on_epoch)?;
+        let fitted = fit_sparse_anew(model, config, seed, &judged, row, on_epoch)?;
         if let Some(fitted) = &fitted {
             self.parameters = Some(fitted.reward.parameters());
         }

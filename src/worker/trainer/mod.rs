@@ -15,7 +15,7 @@ use rand_chacha::ChaCha8Rng;
 
 use crate::query::{Label, LabeledQuery, Query, QueryId, SegmentRef};
 use crate::reward::{
-    EpochReport, Figures, Fitted, RewardConfig, RewardEnsemble, SegmentPair, Trainer, fit_anew,
+    EpochReport, Fitted, PredictionMetrics, RewardConfig, RewardEnsemble, SegmentPair, Trainer, fit_anew,
 };
 use crate::tensor::Parameters;
 use crate::worker::{Learning, Report, Reports, TrainerCommand, Worker, one_thread};
@@ -290,7 +290,7 @@ impl<'a> Learner<'a> {
 
 /// How far learning is, and how well the latest answers were foretold.
 fn learning(
-    figures: Option<Figures>,
+    figures: Option<PredictionMetrics>,
     (epoch, fit_epochs): (usize, Option<usize>),
     losses: &[f64],
     n_labels: usize,

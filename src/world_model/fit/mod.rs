@@ -1,10 +1,10 @@
-//! Training both networks: vision on shuffled frames, memory on stretches of encoded episodes (method §§3.4, 4.4).
+//! Training both networks: vision on shuffled frames, memory on windows of encoded episodes (method §§3.4, 4.4).
 //!
 //! Each stage keeps its best parameters by what it scores on held-out episodes, lowers its learning rate where that
 //! no longer improves, and checkpoints after every epoch, so that a stopped fit resumes.
 
-mod course;
-mod material;
+mod data;
+mod train_loop;
 
 use std::fmt;
 use std::ops::ControlFlow;
@@ -20,15 +20,15 @@ use crate::tensor::limits::OutOfRange;
 use crate::tensor::{NotFinite, Parameters, ParametersError, from_frames, normal};
 use crate::world_model::{MdnRnn, Vae, WorldModel, WorldModelConfig, fast_kind};
 
-use course::Course;
-pub use material::Split;
-use material::{ShuffledFrames, encode, held_out_frames, stretches};
+pub use data::Split;
+use data::{ShuffledFrames, encode, held_out_frames, windows};
+use train_loop::TrainLoop;
 
 /// How one network is trained.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Schedule {
-    /// Frames, or stretches of episodes, in an update.
+    /// Frames, or windows of episodes, in an update.
     pub batch: usize,
     /// Updates from one look at the held-out episodes to the next.
     pub updates_per_epoch: usize,
@@ -61,7 +61,7 @@ pub struct FitConfig {
     pub seed: u64,
     /// Share of the episodes that is never trained on.
     pub held_out: f64,
-    /// Steps in a stretch of an episode for the memory.
+    /// Steps in a window of an episode for the memory.
     pub window: usize,
     /// For vision.
     pub vae: Schedule,
@@ -81,7 +81,7 @@ impl FitConfig {
             min_learning_rate: 2e-5,
             patience: 3,
         };
-        // DIFFERENCE: stretches from anywhere in an episode rather than whole ones, so that an empty memory in the middle
+        // DIFFERENCE: windows from anywhere in an episode rather than whole ones, so that an empty memory in the middle
         // of a drive, which deployment meets at every reset, is something the memory has been trained on (method §4.6).
         let mdn_rnn = Schedule {
             batch: 32,
@@ -313,9 +313,9 @@ fn fit_vae(
         }
         Ok(sum / held_out.len() as f64)
     };
-    let basis = format!("emphasis {}", config.vae.emphasis);
+    let fingerprint = format!("emphasis {}", config.vae.emphasis);
     let network = (store, config.vae.slots());
-    Course::new(Stage::Vae, &fit.vae, network, rng, basis).run(run, None, update, score, report)
+    TrainLoop::new(Stage::Vae, &fit.vae, network, rng, fingerprint).run(run, None, update, score, report)
 }
 
 fn fit_mdn_rnn(
@@ -330,9 +330,9 @@ fn fit_mdn_rnn(
     let store = nn::VarStore::new(Device::Cpu);
     let mdn_rnn = MdnRnn::new(&store.root(), config.mdn_rnn.clone(), &mut rng);
     let loss = |episodes: &[usize], rng: &mut ChaCha8Rng| -> Result<(Tensor, usize), FitError> {
-        let stretches = stretches(run, episodes, fit.window, config.mdn_rnn.latent, rng)?;
-        let n_steps = stretches.lens.iter().sum::<i64>() as usize;
-        Ok((mdn_rnn.loss(&stretches.zs, &stretches.actions, &stretches.lens), n_steps))
+        let windows = windows(run, episodes, fit.window, config.mdn_rnn.latent, rng)?;
+        let n_steps = windows.lens.iter().sum::<i64>() as usize;
+        Ok((mdn_rnn.loss(&windows.zs, &windows.actions, &windows.lens), n_steps))
     };
     let update = |rng: &mut ChaCha8Rng| {
         let episodes: Vec<_> =
@@ -349,5 +349,11 @@ fn fit_mdn_rnn(
     };
     // Gradients are clipped entry by entry to ±1 (method §4.4).
     let network = (store, config.mdn_rnn.slots());
-    Course::new(Stage::MdnRnn, &fit.mdn_rnn, network, rng, vision).run(run, Some(1.0), update, score, report)
+    TrainLoop::new(Stage::MdnRnn, &fit.mdn_rnn, network, rng, vision).run(
+        run,
+        Some(1.0),
+        update,
+        score,
+        report,
+    )
 }

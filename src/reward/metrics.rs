@@ -6,7 +6,7 @@ use crate::query::Label;
 
 /// A prediction made before the answer was learned, and the answer's label.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Foretold {
+pub struct Prediction {
     /// The probability p that the left segment is better, as the ensemble saw it.
     pub p: f64,
     /// What was answered.
@@ -15,7 +15,7 @@ pub struct Foretold {
 
 /// How well answers were foretold.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct Figures {
+pub struct PredictionMetrics {
     /// How many answers there were.
     pub n: usize,
     /// The mean of −[μ ln p + (1 − μ) ln(1 − p)], in nats; ln 2 is knowing nothing.
@@ -30,14 +30,14 @@ pub struct Figures {
     pub agreement: Option<f64>,
 }
 
-impl Figures {
+impl PredictionMetrics {
     /// The figures over `foretold`, or nothing where there is none.
-    pub fn of(foretold: &[Foretold]) -> Option<Self> {
+    pub fn of(foretold: &[Prediction]) -> Option<Self> {
         let n = foretold.len();
         if n == 0 {
             return None;
         }
-        let mean = |loss: fn(&Foretold) -> f64| foretold.iter().map(loss).sum::<f64>() / n as f64;
+        let mean = |loss: fn(&Prediction) -> f64| foretold.iter().map(loss).sum::<f64>() / n as f64;
         let strict: Vec<_> = foretold.iter().filter(|f| f.label != Label::EQUAL).collect();
         let n_agreed = strict.iter().filter(|f| (f.p - 0.5) * (f64::from(f.label.mu()) - 0.5) > 0.0).count();
         Some(Self {
@@ -67,19 +67,19 @@ mod tests {
 
     #[test]
     fn knowing_nothing_costs_the_logarithm_of_two() {
-        let foretold = Foretold { p: 0.5, label: label(SafetyAnswer::OnlyLeft) };
-        let figures = Figures::of(&[foretold]).unwrap();
+        let foretold = Prediction { p: 0.5, label: label(SafetyAnswer::OnlyLeft) };
+        let figures = PredictionMetrics::of(&[foretold]).unwrap();
         assert!((figures.log_loss - std::f64::consts::LN_2).abs() < 1e-12);
         assert_eq!((figures.floor, figures.agreement), (0.0, Some(0.0)));
-        assert_eq!(Figures::of(&[]), None);
+        assert_eq!(PredictionMetrics::of(&[]), None);
     }
 
     #[test]
     fn only_answers_that_name_a_side_can_agree() {
-        let right = Foretold { p: 0.4, label: label(SafetyAnswer::Both(Preference::Right)) };
-        let wrong = Foretold { p: 0.4, label: label(SafetyAnswer::OnlyLeft) };
-        let neither = Foretold { p: 0.4, label: label(SafetyAnswer::Neither) };
-        let figures = Figures::of(&[right, wrong, neither]).unwrap();
+        let right = Prediction { p: 0.4, label: label(SafetyAnswer::Both(Preference::Right)) };
+        let wrong = Prediction { p: 0.4, label: label(SafetyAnswer::OnlyLeft) };
+        let neither = Prediction { p: 0.4, label: label(SafetyAnswer::Neither) };
+        let figures = PredictionMetrics::of(&[right, wrong, neither]).unwrap();
         assert_eq!((figures.n, figures.n_strict, figures.agreement), (3, 2, Some(0.5)));
     }
 }

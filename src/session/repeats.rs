@@ -9,21 +9,21 @@ use crate::session::event::Choice;
 use crate::session::{AskedQuery, Session};
 
 /// So many other answers come before a query is asked again, that nobody remembers what they said.
-pub const AGAIN_AFTER: usize = 10;
+pub const REPEAT_AFTER: usize = 10;
 
 impl AskedQuery {
     /// The query that this one repeats.
     pub fn repeats(&self) -> Option<QueryId> {
-        if let Choice::Again(of) = self.choice { Some(of) } else { None }
+        if let Choice::Repeat(of) = self.choice { Some(of) } else { None }
     }
 }
 
 impl Session {
     /// The queries that `annotator` could be asked again: answered by them under the present protocol, with more than a
-    /// skip, and at least [`AGAIN_AFTER`] answers ago; none of them twice.
+    /// skip, and at least [`REPEAT_AFTER`] answers ago; none of them twice.
     pub fn repeatable(&self, annotator: &str) -> Vec<QueryId> {
         let answers = self.answers();
-        let Some(n_long_ago) = answers.len().checked_sub(AGAIN_AFTER) else { return Vec::new() };
+        let Some(n_long_ago) = answers.len().checked_sub(REPEAT_AFTER) else { return Vec::new() };
         let is_repeated = |id| self.queries().iter().any(|asked| asked.repeats() == Some(id));
         let could_be = |id: &QueryId| {
             // A single step has no sides to change over.

@@ -5,7 +5,7 @@ use rand_chacha::ChaCha8Rng;
 
 use crate::env::Action;
 use crate::planner::{CoDriver, PlannerConfig};
-use crate::reward::FrozenReward;
+use crate::reward::InferenceReward;
 use crate::tensor::NotFinite;
 use crate::world_model::{State, WorldModel};
 
@@ -20,14 +20,14 @@ const STREAM: u64 = 2;
 #[derive(Debug)]
 pub struct Learned {
     /// What the answers so far teach.
-    pub reward: FrozenReward,
+    pub reward: InferenceReward,
     /// How the planner looks ahead.
     pub planner: PlannerConfig,
 }
 
-/// Whose turn it is in one dream.
+/// Hands the wheel of one dream to the planner and back.
 #[derive(Debug)]
-pub(super) struct Turns<'a> {
+pub(super) struct Handover<'a> {
     learned: &'a Learned,
     rng: ChaCha8Rng,
     /// The planner, while it drives.
@@ -35,8 +35,8 @@ pub(super) struct Turns<'a> {
     steps_left: u32,
 }
 
-impl<'a> Turns<'a> {
-    /// Turns of a planner that follows what was `learned`; `seed` decides when, and its candidates.
+impl<'a> Handover<'a> {
+    /// A planner that follows what was `learned` takes turns; `seed` decides when, and draws its candidates.
     pub(super) fn new(learned: &'a Learned, seed: u64) -> Self {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         rng.set_stream(STREAM);
@@ -70,14 +70,14 @@ mod tests {
     fn the_planner_drives_for_most_of_the_time_in_turns() {
         let rng = &mut ChaCha8Rng::seed_from_u64(0);
         let model = untrained(&WorldModelConfig::tiny(), rng);
-        let reward = RewardEnsemble::new(36, "sha256:0", RewardConfig::tiny(), rng).frozen();
+        let reward = RewardEnsemble::new(36, "sha256:0", RewardConfig::tiny(), rng).for_inference();
         let planner = PlannerConfig { horizon: 2, ..PlannerConfig::car_racing() };
         let learned = Learned { reward, planner };
         let state = State::from(&LatentState { z: vec![0.3; 4], c: vec![0.1; 16], h: vec![0.2; 16] });
 
         let drive = |seed| {
-            let mut turns = Turns::new(&learned, seed);
-            (0..3000).map(|_| turns.act(&model, &state).unwrap()).collect::<Vec<_>>()
+            let mut handover = Handover::new(&learned, seed);
+            (0..3000).map(|_| handover.act(&model, &state).unwrap()).collect::<Vec<_>>()
         };
         let driven = drive(5);
 

@@ -26,14 +26,14 @@ enum Manner {
 
 /// What a pilot makes of the obstacle that it has noticed.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Encounter {
+pub(super) struct ObstaclePolicy {
     obstacle: Obstacle,
     manner: Manner,
     /// Steps until the pilot thinks again.
     steps_left: u32,
 }
 
-impl Encounter {
+impl ObstaclePolicy {
     /// What becomes of `before` with what is next now, if that is near enough to be noticed.
     pub(super) fn with(
         obstacle: Obstacle,

@@ -6,7 +6,7 @@ use rand::SeedableRng as _;
 use rand_chacha::ChaCha8Rng;
 
 use crate::query::{LabeledQuery, SegmentRef};
-use crate::reward::{EpochReport, Figures, RewardConfig, RewardEnsemble, SegmentPair, Trainer};
+use crate::reward::{EpochReport, PredictionMetrics, RewardConfig, RewardEnsemble, SegmentPair, Trainer};
 use crate::tensor::NotFinite;
 use crate::world_model::WorldModel;
 
@@ -47,14 +47,14 @@ pub fn fit_anew<E: From<NotFinite>>(
 /// How well an ensemble that [`fit_anew`] would fit to all but `fraction` of `labels` foretells those.
 ///
 /// Nothing where there are too few answers to hold any out.
-pub fn foretell_held_out<E: From<NotFinite>>(
+pub fn predict_held_out<E: From<NotFinite>>(
     model: &WorldModel,
     config: RewardConfig,
     seed: u64,
     labels: &[LabeledQuery],
     mut rows: impl FnMut(SegmentRef) -> Result<Vec<f32>, E>,
     fraction: f64,
-) -> Result<Option<Figures>, E> {
+) -> Result<Option<PredictionMetrics>, E> {
     let rng = &mut ChaCha8Rng::seed_from_u64(seed);
     let trainer = taught(model, config, labels, &mut rows, rng)?;
     Ok(trainer.held_out(fraction, rng, |_| ControlFlow::Continue(()))?)

@@ -5,10 +5,10 @@ use std::path::{Component, Path, PathBuf};
 use crate::dream::DreamEpisode;
 use crate::query::DreamId;
 use crate::session::arrays::{dream_to_bytes, write_whole};
+use crate::session::clip_hash;
 use crate::session::error::SessionError;
 use crate::session::event::Event;
 use crate::session::header::Header;
-use crate::session::look;
 use crate::session::merge::relative;
 use crate::session::new::NewSession;
 use crate::session::store::{SessionStore, read_hashed, tidied};
@@ -17,7 +17,7 @@ use crate::tensor::{Parameters, sha256};
 
 /// A session that was written to another place.
 #[derive(Debug)]
-pub struct Elsewhere {
+pub struct SavedAs {
     /// It, open for writing; what could not be written before is in it.
     pub store: SessionStore,
     /// What that was.
@@ -31,12 +31,12 @@ impl SessionStore {
     ///
     /// Dreams and the latest reward come from memory, where `held` has them; else from the session's folder, under its
     /// name or, as far as the system can follow it, under the one that it was moved to. This session stays as it is.
-    pub fn save_elsewhere(
+    pub fn save_as(
         &self,
         out: &Path,
         held: impl Fn(DreamId) -> Option<DreamEpisode>,
         reward: Option<&Parameters>,
-    ) -> Result<Elsewhere, SessionError> {
+    ) -> Result<SavedAs, SessionError> {
         let new = NewSession::at(out)?;
         let header = Header { world_model_path: self.hint_from(out), ..self.header().clone() };
         let mut copy = new.create(header)?;
@@ -71,12 +71,12 @@ impl SessionStore {
         copy.take_over(entries, &left_out)?;
         copy.unsaved.clone_from(&self.unsaved);
         let written = copy.try_again()?;
-        for file in [WORLD_MODEL_FILE, look::FILE] {
+        for file in [WORLD_MODEL_FILE, clip_hash::FILE] {
             if let Some(bytes) = self.places().find_map(|dir| std::fs::read(dir.join(file)).ok()) {
                 write_whole(&copy.dir().join(file), &bytes, "copy a file of the session")?;
             }
         }
-        Ok(Elsewhere { store: new.finish(copy)?, written, left_out })
+        Ok(SavedAs { store: new.finish(copy)?, written, left_out })
     }
 
     /// Where its files may be.

@@ -10,7 +10,7 @@ use crate::world_model::mdn_rnn::{MdnRnn, Memory};
 /// One product takes in latents, action and output together, against weights that lie as the product reads them; the
 /// head's deviations are left out. Looking ahead from 15 states at once then takes less than half the time.
 #[derive(Debug)]
-pub(super) struct Foresight {
+pub(super) struct FusedRollout {
     /// `[Z + A + M, 4 M]`: gates in the order i, f, o, g, so that those with a sigmoid lie together.
     weight: Tensor,
     bias: Tensor,
@@ -27,7 +27,7 @@ pub(super) struct Foresight {
 /// so that half as many bytes take half as long.
 const MANY: usize = 2_000_000;
 
-impl Foresight {
+impl FusedRollout {
     /// That of `mdn_rnn`, whose parameters it copies.
     pub(super) fn of(mdn_rnn: &MdnRnn) -> Self {
         let [w_ih, w_hh, b_ih, b_hh] = &mdn_rnn.lstm;
@@ -91,7 +91,7 @@ mod tests {
     use crate::world_model::MdnRnnConfig;
 
     #[test]
-    fn foresight_is_remembering_and_the_mean_of_the_mixture() {
+    fn the_fused_rollout_is_remembering_and_the_mean_of_the_mixture() {
         // The second's weights are many, and taken in the arithmetic that is quick here.
         for (config, within) in [(MdnRnnConfig::tiny(), 1e-5), (MdnRnnConfig::obstacle_car_racing(), 0.02)] {
             let rng = &mut ChaCha8Rng::seed_from_u64(0);
@@ -100,7 +100,7 @@ mod tests {
             let mdn_rnn = MdnRnn::new(&store.root(), config, rng);
             let (z, actions) = (normal(rng, &[5, latent]), normal(rng, &[5, 3]));
             let memory = Memory { c: normal(rng, &[5, m]), h: normal(rng, &[5, m]) };
-            let (mean, quick) = Foresight::of(&mdn_rnn).imagine(&z, &actions, &memory, 0.1);
+            let (mean, quick) = FusedRollout::of(&mdn_rnn).imagine(&z, &actions, &memory, 0.1);
             let memory = mdn_rnn.remember(&z, &actions, &memory);
             let apart = |a: &Tensor, b: &Tensor| (a - b).abs().max().double_value(&[]);
             let apart = [

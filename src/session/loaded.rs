@@ -9,7 +9,7 @@ use crate::tensor::Parameters;
 use crate::world_model::ModelIdentity;
 
 /// A session, and what is in its files.
-pub struct OpenedSession {
+pub struct LoadedSession {
     /// The session.
     pub store: SessionStore,
     /// Its dreams, or why they cannot be read; deleted ones are left out.
@@ -20,7 +20,7 @@ pub struct OpenedSession {
     pub unfinished: Result<Vec<UnfinishedDream>, SessionError>,
 }
 
-impl OpenedSession {
+impl LoadedSession {
     /// Holds the session and its dreams against the world model that it is to go on with.
     pub fn meet(&mut self, model: &ModelIdentity) -> Result<(), SessionError> {
         self.store.meet(model)?;

@@ -6,10 +6,10 @@ use std::path::Path;
 use serde_json::Value;
 
 use super::folder::Found;
-use super::{DatasetError, disk, journal, sealed, shelf};
+use super::{DatasetError, disk, index, journal, sealed};
 
 /// What we make in a dataset's folder.
-const OURS: [&str; 5] = ["data", "meta", "journal", shelf::DELETED, disk::DAMAGED];
+const OURS: [&str; 5] = ["data", "meta", "journal", index::DELETED, disk::DAMAGED];
 /// What file managers and file systems leave in folders that are empty to a person.
 const DROPPINGS: [&str; 7] =
     [".DS_Store", ".directory", ".gitkeep", ".localized", "Thumbs.db", "desktop.ini", "lost+found"];
@@ -102,7 +102,7 @@ fn is_bare(path: &Path, depth: usize) -> bool {
 /// Whether we have recorded here, though no episode is left of it.
 fn has_traces(dir: &Path, entries: &[String]) -> bool {
     let within = |folder: &str| disk::list(&dir.join(folder)).unwrap_or_default();
-    if within(shelf::DELETED).iter().any(|path| sealed::open(path).is_ok()) {
+    if within(index::DELETED).iter().any(|path| sealed::open(path).is_ok()) {
         return true;
     }
     if within("journal").iter().any(|path| journal::is_one(path)) {

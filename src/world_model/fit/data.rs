@@ -1,4 +1,4 @@
-//! What the networks are trained on: frames of several episodes mixed, and stretches of encoded ones.
+//! What the networks are trained on: frames of several episodes mixed, and windows of encoded ones.
 
 use rand::seq::SliceRandom as _;
 use rand::{Rng, RngExt as _, SeedableRng as _};
@@ -98,7 +98,7 @@ pub(super) fn encode(
     vision.load("net", &store)?;
     let of = vision.hash();
     // Noise is added to these anyway; the quick arithmetic is exact enough, and there are a great many.
-    let vae = vae.frozen(fast_kind());
+    let vae = vae.for_inference(fast_kind());
     let n = dataset.n_episodes();
     for i in 0..n {
         let there = run.load(&latents_name(i))?.and_then(|latents| latents.metadata("vision"));
@@ -168,8 +168,8 @@ fn encoded(run: &Run, episode: usize, latent: i64) -> Result<Encoded, FitError> 
     Ok(encoded)
 }
 
-/// Stretches of episodes, padded with zeros to the same length.
-pub(super) struct Stretches {
+/// Windows of episodes, padded with zeros to the same length.
+pub(super) struct Windows {
     /// Drawn latents, `[B, T, Z]`: the same draw is target at t and input at t + 1.
     pub zs: Tensor,
     /// `[B, T, A]`.
@@ -178,14 +178,14 @@ pub(super) struct Stretches {
     pub lens: Vec<i64>,
 }
 
-/// One stretch of at most `window` steps from each of `episodes`, its start uniform.
-pub(super) fn stretches(
+/// One window of at most `window` steps from each of `episodes`, its start uniform.
+pub(super) fn windows(
     run: &Run,
     episodes: &[usize],
     window: usize,
     latent: i64,
     rng: &mut ChaCha8Rng,
-) -> Result<Stretches, FitError> {
+) -> Result<Windows, FitError> {
     let (mut zs, mut actions, mut lens) = (Vec::new(), Vec::new(), Vec::new());
     for &episode in episodes {
         let Encoded { mean, log_var, actions: all } = encoded(run, episode, latent)?;
@@ -199,5 +199,5 @@ pub(super) fn stretches(
         actions.push(pad(all.narrow(0, start, len)));
         lens.push(len);
     }
-    Ok(Stretches { zs: Tensor::stack(&zs, 0), actions: Tensor::stack(&actions, 0), lens })
+    Ok(Windows { zs: Tensor::stack(&zs, 0), actions: Tensor::stack(&actions, 0), lens })
 }

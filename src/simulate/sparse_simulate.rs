@@ -15,7 +15,7 @@ use crate::query::{
     DreamId, JudgedTransition, QueryId, Response, SkipReason, TRAJECTORY_LEN, Transition, Verdict,
     sample_trajectory,
 };
-use crate::reward::{SparseConfig, SparseReward, fit_verdicts, transition_row};
+use crate::reward::{SparseConfig, SparseReward, fit_sparse_anew, transition_row};
 use crate::tensor::{NotFinite, from_slice};
 use crate::world_model::{LatentState, WorldModel};
 
@@ -37,7 +37,7 @@ pub struct AnsweredTransition {
 
 /// What came of a simulation with verdicts.
 #[derive(Clone, Debug, PartialEq)]
-pub struct SimulatedVerdicts {
+pub struct SparseSimulation {
     /// In the order of their [`DreamId`]s.
     pub dreams: Vec<DreamEpisode>,
     /// What each was made to be; nothing where they were played.
@@ -46,7 +46,7 @@ pub struct SimulatedVerdicts {
     pub answers: Vec<AnsweredTransition>,
 }
 
-impl SimulatedVerdicts {
+impl SparseSimulation {
     /// How many transitions were called this.
     pub fn n(&self, verdict: Verdict) -> usize {
         self.answers.iter().filter(|answered| answered.response == Response::Judged(verdict)).count()
@@ -126,7 +126,7 @@ pub fn simulate_dros(
     config: &SimulateConfig,
     starts: &[LatentState],
     on_progress: &mut dyn FnMut(Progress) -> ControlFlow<()>,
-) -> Result<Option<SimulatedVerdicts>, NotFinite> {
+) -> Result<Option<SparseSimulation>, NotFinite> {
     assert!(!starts.is_empty(), "a dream needs a state to start from");
     let mut rng = ChaCha8Rng::seed_from_u64(config.seed);
     let starts: Vec<_> = starts
@@ -140,7 +140,7 @@ pub fn simulate_dros(
     let dreams = play_all(model, probe, &starts, steps, config.manner, None, on_step)?;
     let Some(dreams) = dreams else { return Ok(None) };
     let lens: Vec<_> = (0..).map(DreamId).zip(dreams.iter().map(DreamEpisode::len)).collect();
-    let mut simulated = SimulatedVerdicts { dreams, wanted: Vec::new(), answers: Vec::new() };
+    let mut simulated = SparseSimulation { dreams, wanted: Vec::new(), answers: Vec::new() };
     while simulated.answers.len() < config.n_queries {
         let Some(first) = sample_trajectory(&lens, &mut rng) else { return Ok(None) };
         if simulated.label(model, probe, config, first, on_progress).is_break() {
@@ -164,12 +164,12 @@ pub fn simulate_request(
     synthesis: &SynthesisConfig,
     learning: &SparseConfig,
     on_progress: &mut dyn FnMut(Progress) -> ControlFlow<()>,
-) -> Result<Option<SimulatedVerdicts>, NotFinite> {
+) -> Result<Option<SparseSimulation>, NotFinite> {
     assert!(!starts.is_empty(), "a trajectory needs a state to start from");
     let mut rng = ChaCha8Rng::seed_from_u64(config.seed);
     let n_features = model.config().n_features();
     let mut reward = SparseReward::new(n_features, &model.hash(), learning.clone(), &mut rng);
-    let mut simulated = SimulatedVerdicts { dreams: Vec::new(), wanted: Vec::new(), answers: Vec::new() };
+    let mut simulated = SparseSimulation { dreams: Vec::new(), wanted: Vec::new(), answers: Vec::new() };
     for round in 0.. {
         let n_left = config.n_queries - simulated.answers.len();
         if n_left == 0 {
@@ -202,7 +202,7 @@ fn refit(
     model: &WorldModel,
     learning: &SparseConfig,
     seed: u64,
-    simulated: &SimulatedVerdicts,
+    simulated: &SparseSimulation,
 ) -> Result<SparseReward, NotFinite> {
     let features: Vec<_> = simulated.dreams.iter().map(|dream| dream.features(model)).collect();
     let row = |transition: Transition| {
@@ -210,12 +210,12 @@ fn refit(
         Ok::<_, NotFinite>(transition_row(&features[i], &simulated.dreams[i].actions, transition.step))
     };
     let judged = simulated.judged();
-    let fitted = fit_verdicts(model, learning.clone(), seed, &judged, row, |_| ControlFlow::Continue(()))?;
+    let fitted = fit_sparse_anew(model, learning.clone(), seed, &judged, row, |_| ControlFlow::Continue(()))?;
     Ok(fitted.map_or_else(|| unreachable!("nobody stops this fit"), |fitted| fitted.reward))
 }
 
 /// The latents that labeled transitions led to, `[N, Z]`.
-fn outcomes(model: &WorldModel, simulated: &SimulatedVerdicts) -> Option<tch::Tensor> {
+fn outcomes(model: &WorldModel, simulated: &SparseSimulation) -> Option<tch::Tensor> {
     let judged = simulated.judged();
     let zs: Vec<f32> = judged
         .iter()

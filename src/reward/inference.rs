@@ -9,7 +9,7 @@ use crate::reward::{RewardEnsemble, RewardModel};
 /// Hidden layers are computed in the ensemble's arithmetic, outputs in full precision.
 /// Since every member reads the same rows, their first layers are one product.
 #[derive(Debug)]
-pub struct FrozenReward {
+pub struct InferenceReward {
     kind: Kind,
     n_members: i64,
     /// `[F + A, E · hidden]` and `[E · hidden]`.
@@ -20,13 +20,13 @@ pub struct FrozenReward {
 
 impl RewardEnsemble {
     /// The ensemble as it stands, which learns no more.
-    pub fn frozen(&self) -> FrozenReward {
+    pub fn for_inference(&self) -> InferenceReward {
         let n_hidden = self.layers.len() - 1;
         let kind = |i| if i == n_hidden { Kind::Float } else { self.kind };
         tch::no_grad(|| {
             let side_by_side = |members: &Tensor| members.transpose(0, 1).flatten(1, 2).to_kind(self.kind);
             let (first, rest) = (&self.layers[0], self.layers.iter().enumerate().skip(1));
-            FrozenReward {
+            InferenceReward {
                 kind: self.kind,
                 n_members: self.config.members,
                 first: [side_by_side(&first.weight), side_by_side(&first.bias)],
@@ -38,7 +38,7 @@ impl RewardEnsemble {
     }
 }
 
-impl RewardModel for FrozenReward {
+impl RewardModel for InferenceReward {
     fn rewards(&self, features: &Tensor, scaled_actions: &Tensor) -> Tensor {
         let mut shape = features.size();
         shape.pop();
@@ -70,10 +70,11 @@ mod tests {
         let rng = &mut ChaCha8Rng::seed_from_u64(0);
         let (features, actions) = (normal(rng, &[5, 7, 36]), normal(rng, &[5, 7, 3]));
         let ensemble = RewardEnsemble::new(36, "sha256:0", RewardConfig::tiny(), rng).in_kind(Kind::Float);
-        let apart = ensemble.frozen().rewards(&features, &actions) - ensemble.rewards(&features, &actions);
+        let apart =
+            ensemble.for_inference().rewards(&features, &actions) - ensemble.rewards(&features, &actions);
         assert!(apart.abs().max().double_value(&[]) < 1e-6);
         let quick = ensemble.in_kind(Kind::BFloat16);
-        let apart = quick.frozen().rewards(&features, &actions) - quick.rewards(&features, &actions);
+        let apart = quick.for_inference().rewards(&features, &actions) - quick.rewards(&features, &actions);
         assert!(apart.abs().max().double_value(&[]) < 2e-2, "rounded to eight bits, but not otherwise");
     }
 }

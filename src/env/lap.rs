@@ -58,7 +58,7 @@ pub(super) struct Meeting {
 
 /// A track, the cars on it, and what the agent's car (the first) has visited.
 #[derive(Clone, Debug)]
-pub(super) struct Course {
+pub(super) struct Lap {
     pub(super) track: Track,
     pub(super) world: World,
     pub(super) cars: Vec<Car>,
@@ -82,7 +82,7 @@ pub(super) struct Course {
     pub(super) meetings: Vec<Meeting>,
 }
 
-impl Course {
+impl Lap {
     /// The track of `seed`, without a car.
     pub(super) fn new(seed: Seed, trig: Trig, hulls_touch: bool) -> Self {
         let track = Track::generate(&mut UniformStream::track(seed));

@@ -1,4 +1,4 @@
-//! One network on its way: epochs, the best parameters, checkpoints.
+//! The training loop of one network: epochs, the best parameters, checkpoints.
 
 use rand::SeedableRng as _;
 use rand_chacha::ChaCha8Rng;
@@ -12,8 +12,11 @@ use crate::tensor::{
 };
 use crate::world_model::fit::{FitError, Progress, Report, Schedule, Stage};
 
-/// A network on its way.
-pub(super) struct Course<'a> {
+/// The key of the training state in the metadata of a checkpoint.
+const STATE: &str = "standing";
+
+/// A network in training.
+pub(super) struct TrainLoop<'a> {
     stage: Stage,
     schedule: &'a Schedule,
     store: nn::VarStore,
@@ -21,34 +24,34 @@ pub(super) struct Course<'a> {
     slots: Vec<Slot>,
     adam: Adam,
     rng: ChaCha8Rng,
-    standing: Standing,
+    state: TrainState,
 }
 
-/// How far it is; with the network and the optimizer this is a checkpoint.
+/// How far training is. With the network and the optimizer this makes a checkpoint.
 #[derive(Clone, Debug, Serialize, Deserialize)]
-struct Standing {
+struct TrainState {
     epoch: usize,
     learning_rate: f64,
     best: f64,
     n_stale: usize,
-    /// What scores rest on: those that rest on something else do not compare.
-    #[serde(default)]
-    basis: String,
+    /// What the scores depend on: only scores of the same fingerprint compare.
+    #[serde(default, rename = "basis")]
+    fingerprint: String,
 }
 
-impl<'a> Course<'a> {
-    /// The network in `store` at its start; `basis` says what its scores rest on.
+impl<'a> TrainLoop<'a> {
+    /// The network in `store` before its first epoch; `fingerprint` says what its scores depend on.
     pub(super) fn new(
         stage: Stage,
         schedule: &'a Schedule,
         (store, slots): (nn::VarStore, Vec<Slot>),
         rng: ChaCha8Rng,
-        basis: String,
+        fingerprint: String,
     ) -> Self {
         let adam = Adam::new(&store);
         let learning_rate = schedule.learning_rate;
-        let standing = Standing { epoch: 0, learning_rate, best: f64::INFINITY, n_stale: 0, basis };
-        Self { stage, schedule, store, slots, adam, rng, standing }
+        let state = TrainState { epoch: 0, learning_rate, best: f64::INFINITY, n_stale: 0, fingerprint };
+        Self { stage, schedule, store, slots, adam, rng, state }
     }
 
     /// The name of a checkpoint.
@@ -57,13 +60,13 @@ impl<'a> Course<'a> {
         format!("{network}-{which}")
     }
 
-    /// Goes on from the last checkpoint, if there is one; where scores rest on something else by now, all epochs are
-    /// still to come, and the network begins them as it is.
+    /// Goes on from the last checkpoint, if there is one.
+    ///
+    /// Where the fingerprint differs, the network is kept, but all epochs are still to come.
     fn resume(&mut self, run: &Run) -> Result<(), FitError> {
         let Some(saved) = run.load(&self.file("last"))? else { return Ok(()) };
-        let none = |_| ParametersError::Missing("standing".to_owned());
-        let (layout, standing): (u32, Standing) =
-            describes(saved.metadata("standing").as_deref()).map_err(none)?;
+        let none = |_| ParametersError::Missing(STATE.to_owned());
+        let (layout, state): (u32, TrainState) = describes(saved.metadata(STATE).as_deref()).map_err(none)?;
         saved.fill("net", &self.slots, layout, &self.store)?;
         let slots = &self.slots;
         let restored = self.adam.restore(|name| {
@@ -72,8 +75,8 @@ impl<'a> Course<'a> {
             of.map_or(Some(tensor.shallow_clone()), |slot| slot.read(&tensor, layout))
         });
         restored.ok_or_else(|| ParametersError::Missing("adam".to_owned()))?;
-        if standing.basis == self.standing.basis {
-            self.standing = standing;
+        if state.fingerprint == self.state.fingerprint {
+            self.state = state;
         }
         Ok(())
     }
@@ -88,7 +91,7 @@ impl<'a> Course<'a> {
             let of = name.rsplit_once('.').map_or("", |(of, _)| of);
             (format!("adam.{name}"), stored(of, tensor))
         });
-        let all = Parameters::from_tensors(net.chain(adam), &[("standing", described(&self.standing))]);
+        let all = Parameters::from_tensors(net.chain(adam), &[(STATE, described(&self.state))]);
         run.save(&self.file("last"), &all)?;
         Ok(())
     }
@@ -96,7 +99,7 @@ impl<'a> Course<'a> {
     /// Where a number is not one, in words.
     fn at(&self, what: &str, update: usize) -> NotFinite {
         let network = if self.stage == Stage::Vae { "vision" } else { "memory" };
-        NotFinite(format!("{what} of {network} at update {update} of epoch {}", self.standing.epoch + 1))
+        NotFinite(format!("{what} of {network} at update {update} of epoch {}", self.state.epoch + 1))
     }
 
     /// Runs all epochs that are left, then takes the best parameters back.
@@ -110,14 +113,14 @@ impl<'a> Course<'a> {
     ) -> Result<nn::VarStore, FitError> {
         self.resume(run)?;
         let Schedule { updates_per_epoch, max_epochs, min_learning_rate, patience, .. } = *self.schedule;
-        while self.standing.epoch < max_epochs && self.standing.learning_rate >= min_learning_rate {
+        while self.state.epoch < max_epochs && self.state.learning_rate >= min_learning_rate {
             // Each epoch has a stream of its own, so that a resumed fit goes on as it would have.
-            let learning_rate = self.standing.learning_rate.min(self.schedule.ceiling(self.standing.epoch));
-            self.rng.set_stream(self.standing.epoch as u64 + 1);
+            let learning_rate = self.state.learning_rate.min(self.schedule.ceiling(self.state.epoch));
+            self.rng.set_stream(self.state.epoch as u64 + 1);
             self.rng.set_word_pos(0);
             let mut progress = Progress {
                 stage: self.stage,
-                epoch: self.standing.epoch,
+                epoch: self.state.epoch,
                 max_epochs,
                 done: 0,
                 n: updates_per_epoch,
@@ -147,30 +150,30 @@ impl<'a> Course<'a> {
             if !held_out.is_finite() {
                 return Err(FitError::NotFinite(self.at("the loss on held-out episodes", updates_per_epoch)));
             }
-            let is_best = held_out < self.standing.best;
-            self.standing.epoch += 1;
+            let is_best = held_out < self.state.best;
+            self.state.epoch += 1;
             if is_best {
-                self.standing.best = held_out;
-                self.standing.n_stale = 0;
+                self.state.best = held_out;
+                self.state.n_stale = 0;
                 let stores: [(&str, &nn::VarStore, &[Slot]); 1] = [("net", &self.store, &self.slots)];
-                let best = Parameters::stored(&stores, &[("standing", described(&self.standing))]);
+                let best = Parameters::stored(&stores, &[(STATE, described(&self.state))]);
                 run.save(&self.file("best"), &best)?;
             } else {
-                self.standing.n_stale += 1;
-                if self.standing.n_stale >= patience {
-                    self.standing.learning_rate /= 3.0;
-                    self.standing.n_stale = 0;
+                self.state.n_stale += 1;
+                if self.state.n_stale >= patience {
+                    self.state.learning_rate /= 3.0;
+                    self.state.n_stale = 0;
                 }
             }
             self.checkpoint(run)?;
-            progress = Progress { epoch: self.standing.epoch, held_out: Some(held_out), is_best, ..progress };
+            progress = Progress { epoch: self.state.epoch, held_out: Some(held_out), is_best, ..progress };
             run.log(&progress)?;
             if report(&progress).is_break() {
                 return Err(FitError::Stopped);
             }
         }
         if let Some(best) = run.load(&self.file("best"))? {
-            let layout = layout_of(best.metadata("standing").as_deref()).map_err(ParametersError::Damaged)?;
+            let layout = layout_of(best.metadata(STATE).as_deref()).map_err(ParametersError::Damaged)?;
             best.fill("net", &self.slots, layout, &self.store)?;
         }
         Ok(self.store)

@@ -19,7 +19,7 @@ const NEW_SHARE: usize = 10;
 const STREAM: u64 = u64::MAX;
 
 /// Chooses pairs, learning a reward along where that is what chooses.
-pub(super) struct Asker {
+pub(super) struct QueryPolicy {
     strategy: Strategy,
     /// How many dreams it has met.
     n_met: usize,
@@ -41,7 +41,7 @@ struct Learner {
     has_learned: bool,
 }
 
-impl Asker {
+impl QueryPolicy {
     /// Asks by `strategy`, for which a reward of the shape `reward` is learned if it needs one.
     pub(super) fn new(model: &WorldModel, strategy: Strategy, reward: &RewardConfig, seed: u64) -> Self {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);

@@ -19,7 +19,7 @@ const LOOK_EVERY: usize = 5;
 
 /// A classifier that was fitted to the end.
 #[derive(Debug)]
-pub struct FittedVerdicts {
+pub struct SparseFit {
     /// The networks that were kept.
     pub reward: SparseReward,
     /// The last loss: one of all members together, or one of each.
@@ -46,14 +46,14 @@ pub struct HeldOut {
 ///
 /// # Shapes
 /// - `row`: that of a transition, `[F + A]`, as [`transition_row`](crate::reward::transition_row) makes it
-pub fn fit_verdicts<E: From<NotFinite>>(
+pub fn fit_sparse_anew<E: From<NotFinite>>(
     model: &WorldModel,
     config: SparseConfig,
     seed: u64,
     judged: &[JudgedTransition],
     mut row: impl FnMut(Transition) -> Result<Vec<f32>, E>,
     on_epoch: impl FnMut(&EpochReport) -> ControlFlow<()>,
-) -> Result<Option<FittedVerdicts>, E> {
+) -> Result<Option<SparseFit>, E> {
     let rng = &mut ChaCha8Rng::seed_from_u64(seed);
     let mut judged = judged.to_vec();
     judged.sort_by_key(|judged| judged.query);
@@ -70,7 +70,7 @@ fn fit(
     mut taught: Vec<(Vec<f32>, crate::query::Verdict)>,
     rng: &mut ChaCha8Rng,
     mut on_epoch: impl FnMut(&EpochReport) -> ControlFlow<()>,
-) -> Result<Option<FittedVerdicts>, NotFinite> {
+) -> Result<Option<SparseFit>, NotFinite> {
     let config = reward.config.clone();
     taught.shuffle(rng);
     let n_held_out = (config.held_out * taught.len() as f64).round() as usize;
@@ -110,7 +110,7 @@ fn fit(
     if let Some((_, parameters)) = best.filter(|_| config.keeps_best) {
         reward = SparseReward::load(&parameters).unwrap_or_else(|e| unreachable!("just written: {e}"));
     }
-    Ok(Some(FittedVerdicts { reward, losses, held_out }))
+    Ok(Some(SparseFit { reward, losses, held_out }))
 }
 
 fn lesson(taught: Vec<(Vec<f32>, crate::query::Verdict)>) -> Lesson {
@@ -175,13 +175,13 @@ mod tests {
         (model, judged, rows)
     }
 
-    fn fit_toy(config: SparseConfig, n: usize, is_reversed: bool) -> FittedVerdicts {
+    fn fit_toy(config: SparseConfig, n: usize, is_reversed: bool) -> SparseFit {
         let (model, mut judged, rows) = toy(n);
         if is_reversed {
             judged.reverse();
         }
         let row = |transition: Transition| Ok::<_, NotFinite>(rows[transition.step].clone());
-        let fitted = fit_verdicts(&model, config, 3, &judged, row, |_| ControlFlow::Continue(()));
+        let fitted = fit_sparse_anew(&model, config, 3, &judged, row, |_| ControlFlow::Continue(()));
         fitted.unwrap().unwrap()
     }
 
@@ -203,7 +203,7 @@ mod tests {
         let row = |transition: Transition| Ok::<_, NotFinite>(rows[transition.step].clone());
         let go_on = |_: &EpochReport| ControlFlow::Continue(());
         let config = SparseConfig { held_out: 0.0, ..SparseConfig::tiny() };
-        let met = fit_verdicts(&model, config, 3, &judged, row, go_on).unwrap_err();
+        let met = fit_sparse_anew(&model, config, 3, &judged, row, go_on).unwrap_err();
         assert!(met.to_string().contains("epoch 1"), "{met}");
     }
 

@@ -1,4 +1,4 @@
-//! How a wish becomes an action: by keys, by a stick, or by the planner's menu.
+//! From what a driver wants of the car to an action: by keys, by a stick, or from the planner's menu.
 
 use rand::{Rng, RngExt as _};
 
@@ -13,68 +13,68 @@ const MENU_HOLD: u32 = 15;
 
 /// What the driver wants of the car.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(super) struct Wish {
+pub(super) struct Setpoint {
     /// Angle of the front wheels in radians, in `[-LOCK, LOCK]`; positive is right.
     pub(super) wheels: f32,
     /// Gas where positive, brake where negative, in `[-1, 1]`.
     pub(super) throttle: f32,
 }
 
-/// The ways of working the controls.
+/// What the controls are worked with.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Grip {
-    /// All or nothing, for as long as the wish is strong.
+pub(super) enum InputKind {
+    /// All or nothing, held longer for a stronger setpoint.
     Keys,
-    /// As much as is wished.
+    /// As much as the setpoint says.
     Stick,
     /// The actions that the planner chooses from, each held for a while.
     Menu,
 }
 
-/// A hand on the controls.
+/// Turns setpoints into actions, step by step.
 #[derive(Clone, Debug)]
-pub(super) struct Hand {
-    grip: Grip,
+pub(super) struct Actuator {
+    input: InputKind,
     steering: Tap,
     pedals: Tap,
-    /// The action in hand, and for how many more steps.
+    /// The action being held, and for how many more steps.
     held: (Action, u32),
     /// How far a stick is pushed beyond what turns the wheels, at least 1.
-    push: f32,
-    /// How often an action of the menu is any of them, in `[0, 1]`.
-    whim: f64,
+    stick_gain: f32,
+    /// The probability that an action of the menu is a random one, in `[0, 1]`.
+    random_share: f64,
 }
 
-impl Hand {
-    /// A hand that works the controls in this way, a little differently each time.
-    pub(super) fn new(grip: Grip, rng: &mut impl Rng) -> Self {
+impl Actuator {
+    /// An actuator with this input, whose habits differ a little each time.
+    pub(super) fn new(input: InputKind, rng: &mut impl Rng) -> Self {
         Self {
-            grip,
+            input,
             steering: Tap::new(rng.random_range(3..=9)),
             pedals: Tap::new(rng.random_range(4..=12)),
             held: (Action::default(), 0),
-            push: rng.random_range(1.0..2.5),
-            whim: rng.random_range(0.0..0.1),
+            stick_gain: rng.random_range(1.0..2.5),
+            random_share: rng.random_range(0.0..0.1),
         }
     }
 
     /// The action of this step.
-    pub(super) fn act(&mut self, wish: Wish, rng: &mut impl Rng) -> Action {
-        match self.grip {
-            Grip::Keys => self.keys(wish),
-            Grip::Stick => self.hold(|hand, rng| hand.stick(wish, rng), rng),
-            Grip::Menu => self.hold(|hand, rng| hand.menu(wish, rng), rng),
+    pub(super) fn act(&mut self, setpoint: Setpoint, rng: &mut impl Rng) -> Action {
+        match self.input {
+            InputKind::Keys => self.keys(setpoint),
+            InputKind::Stick => self.hold(|actuator, rng| actuator.stick(setpoint, rng), rng),
+            InputKind::Menu => self.hold(|actuator, rng| actuator.menu(setpoint, rng), rng),
         }
     }
 
-    /// Keys are tapped: the stronger the wish, the longer.
-    fn keys(&mut self, wish: Wish) -> Action {
-        let steer = self.steering.press(wish.wheels / LOCK);
-        let pedal = self.pedals.press(wish.throttle);
+    /// Keys are tapped: the stronger the setpoint, the longer.
+    fn keys(&mut self, setpoint: Setpoint) -> Action {
+        let steer = self.steering.press(setpoint.wheels / LOCK);
+        let pedal = self.pedals.press(setpoint.throttle);
         Action::new(steer, pedal.max(0.0), 0.8 * (-pedal).max(0.0))
     }
 
-    /// What the hand does until it has held that for its time.
+    /// The action being held, or a new one where that has been held for its time.
     fn hold<R: Rng>(&mut self, choose: impl Fn(&Self, &mut R) -> (Action, u32), rng: &mut R) -> Action {
         if self.held.1 == 0 {
             self.held = choose(self, rng);
@@ -83,27 +83,30 @@ impl Hand {
         self.held.0
     }
 
-    /// A stick follows the wish, with a tremor, and rests between its moves.
-    fn stick(&self, wish: Wish, rng: &mut impl Rng) -> (Action, u32) {
+    /// A stick follows the setpoint, with a tremor, and rests between its moves.
+    fn stick(&self, setpoint: Setpoint, rng: &mut impl Rng) -> (Action, u32) {
         let tremor = rng.random_range(-0.05..0.05);
-        let action =
-            Action::new(wish.wheels * self.push + tremor, wish.throttle.max(0.0), (-wish.throttle).max(0.0));
+        let action = Action::new(
+            setpoint.wheels * self.stick_gain + tremor,
+            setpoint.throttle.max(0.0),
+            (-setpoint.throttle).max(0.0),
+        );
         (action, rng.random_range(1..=4))
     }
 
     /// The action of the menu that comes nearest, now and then another.
-    fn menu(&self, wish: Wish, rng: &mut impl Rng) -> (Action, u32) {
-        if rng.random_bool(self.whim) {
+    fn menu(&self, setpoint: Setpoint, rng: &mut impl Rng) -> (Action, u32) {
+        if rng.random_bool(self.random_share) {
             let steer = [-1.0, 0.0, 1.0][rng.random_range(0..3)];
             let gas = [0.1, 0.2][rng.random_range(0..2)];
             let brake = if rng.random_bool(0.2) { rng.random_range(0.0..=MENU_BRAKE) } else { 0.0 };
             return (Action::new(steer, gas, brake), rng.random_range(1..=MENU_HOLD));
         }
-        let steer = if wish.wheels.abs() < 0.3 * LOCK { 0.0 } else { wish.wheels.signum() };
-        let gas = if wish.throttle > 0.1 { 0.2 } else { 0.1 };
-        let brake = if wish.throttle < 0.0 { rng.random_range(0.05..=MENU_BRAKE) } else { 0.0 };
-        // A full turn of the wheels is held for a moment only, a longer one for a stronger wish.
-        let longest = if steer == 0.0 { 4 } else { 1 + (4.0 * wish.wheels.abs() / LOCK) as u32 };
+        let steer = if setpoint.wheels.abs() < 0.3 * LOCK { 0.0 } else { setpoint.wheels.signum() };
+        let gas = if setpoint.throttle > 0.1 { 0.2 } else { 0.1 };
+        let brake = if setpoint.throttle < 0.0 { rng.random_range(0.05..=MENU_BRAKE) } else { 0.0 };
+        // A full turn of the wheels is held for a moment only, a longer one for a stronger setpoint.
+        let longest = if steer == 0.0 { 4 } else { 1 + (4.0 * setpoint.wheels.abs() / LOCK) as u32 };
         (Action::new(steer, gas, brake), rng.random_range(1..=longest))
     }
 }
@@ -143,27 +146,27 @@ mod tests {
 
     use super::*;
 
-    fn actions(grip: Grip, wish: Wish) -> Vec<Action> {
+    fn actions(input: InputKind, setpoint: Setpoint) -> Vec<Action> {
         let rng = &mut ChaCha8Rng::seed_from_u64(0);
-        let mut hand = Hand::new(grip, rng);
-        (0..300).map(|_| hand.act(wish, rng)).collect()
+        let mut actuator = Actuator::new(input, rng);
+        (0..300).map(|_| actuator.act(setpoint, rng)).collect()
     }
 
     #[test]
-    fn keys_are_down_or_up_and_down_longer_for_a_stronger_wish() {
+    fn keys_are_down_or_up_and_down_longer_for_a_stronger_setpoint() {
         let steered = |wheels| {
-            let actions = actions(Grip::Keys, Wish { wheels, throttle: 0.5 });
+            let actions = actions(InputKind::Keys, Setpoint { wheels, throttle: 0.5 });
             assert!(actions.iter().all(|a| [0.0, 1.0].contains(&a.steer) && [0.0, 1.0].contains(&a.gas)));
             actions.iter().filter(|a| a.steer == 1.0).count()
         };
 
-        assert!(steered(0.3) > steered(0.1), "a stronger wish");
-        assert_eq!(steered(0.0), 0, "no wish");
+        assert!(steered(0.3) > steered(0.1), "a stronger setpoint");
+        assert_eq!(steered(0.0), 0, "no setpoint");
     }
 
     #[test]
     fn the_menu_has_the_actions_of_the_planner_only() {
-        for action in actions(Grip::Menu, Wish { wheels: -0.3, throttle: -0.5 }) {
+        for action in actions(InputKind::Menu, Setpoint { wheels: -0.3, throttle: -0.5 }) {
             assert!([-1.0, 0.0, 1.0].contains(&action.steer), "{action:?}");
             assert!([0.1, 0.2].contains(&action.gas), "{action:?}");
             assert!((0.0..=MENU_BRAKE).contains(&action.brake), "{action:?}");
@@ -172,7 +175,7 @@ mod tests {
 
     #[test]
     fn a_stick_takes_values_in_between() {
-        let actions = actions(Grip::Stick, Wish { wheels: 0.1, throttle: -0.25 });
+        let actions = actions(InputKind::Stick, Setpoint { wheels: 0.1, throttle: -0.25 });
 
         assert!(actions.iter().all(|a| a.steer > 0.0 && a.steer < 0.5 && a.gas == 0.0 && a.brake == 0.25));
     }

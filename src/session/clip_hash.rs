@@ -20,9 +20,9 @@ const FIELDS: u32 = 4;
 
 /// A clip in small: the mean colors of 4 x 4 fields of its first picture, then of its last.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Look(Vec<u8>);
+pub struct ClipHash(Vec<u8>);
 
-impl Look {
+impl ClipHash {
     /// How far two may lie apart and still be of the same clip, in steps of 256: pictures are drawn in bf16 or in f32.
     pub const TOLERANCE: u8 = 4;
 
@@ -52,7 +52,7 @@ fn means(frame: &Frame) -> Vec<u8> {
     sums.iter().map(|(sum, n)| (sum / n.max(&1)) as u8).collect()
 }
 
-impl Serialize for Look {
+impl Serialize for ClipHash {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         let mut hex = String::new();
         for byte in &self.0 {
@@ -62,7 +62,7 @@ impl Serialize for Look {
     }
 }
 
-impl<'de> Deserialize<'de> for Look {
+impl<'de> Deserialize<'de> for ClipHash {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
         let hex = String::deserialize(deserializer)?;
         let digit = |byte: u8| char::from(byte).to_digit(16).map(|digit| digit as u8);
@@ -73,19 +73,19 @@ impl<'de> Deserialize<'de> for Look {
     }
 }
 
-/// The looks of clips, by dream and first step.
-pub type Looks = BTreeMap<(DreamId, usize), Look>;
+/// The hashes of clips, by dream and first step.
+pub type ClipHashes = BTreeMap<(DreamId, usize), ClipHash>;
 
-/// Writes `looks` into the session in `dir`.
-pub(super) fn write(dir: &Path, looks: &Looks) -> Result<(), SessionError> {
+/// Writes `hashes` into the session in `dir`.
+pub(super) fn write(dir: &Path, hashes: &ClipHashes) -> Result<(), SessionError> {
     let named: BTreeMap<_, _> =
-        looks.iter().map(|((dream, start), look)| (format!("{}/{start}", dream.0), look)).collect();
+        hashes.iter().map(|((dream, start), hash)| (format!("{}/{start}", dream.0), hash)).collect();
     let text = serde_json::to_vec_pretty(&named).unwrap_or_else(|e| unreachable!("plain data: {e}"));
     write_whole(&dir.join(FILE), &text, "write down what the clips look like")
 }
 
-/// The looks that were written into the session in `dir`, if any were.
-pub(super) fn read(dir: &Path) -> Result<Option<Looks>, SessionError> {
+/// The hashes that were written into the session in `dir`, if any were.
+pub(super) fn read(dir: &Path) -> Result<Option<ClipHashes>, SessionError> {
     let path = dir.join(FILE);
     if !path.exists() {
         return Ok(None);
@@ -94,17 +94,17 @@ pub(super) fn read(dir: &Path) -> Result<Option<Looks>, SessionError> {
     parse(&text, &path).map(Some)
 }
 
-/// The looks in the bytes of such a file: a pure function, which takes whatever bytes there are.
-pub fn parse(bytes: &[u8], path: &Path) -> Result<Looks, SessionError> {
-    let wrong = |met: String| SessionError::Looks { met, path: path.to_owned() };
-    let named: BTreeMap<String, Look> =
+/// The hashes in the bytes of such a file: a pure function, which takes whatever bytes there are.
+pub fn parse(bytes: &[u8], path: &Path) -> Result<ClipHashes, SessionError> {
+    let wrong = |met: String| SessionError::ClipHashes { met, path: path.to_owned() };
+    let named: BTreeMap<String, ClipHash> =
         serde_json::from_slice(trimmed(bytes)).map_err(|e| wrong(e.to_string()))?;
-    let parse = |(name, look): (String, Look)| {
+    let parse = |(name, hash): (String, ClipHash)| {
         let (dream, start) = name.split_once('/')?;
-        Some(((DreamId(dream.parse().ok()?), start.parse().ok()?), look))
+        Some(((DreamId(dream.parse().ok()?), start.parse().ok()?), hash))
     };
-    let looks: Option<Looks> = named.into_iter().map(parse).collect();
-    looks.ok_or_else(|| wrong("a clip is named by its dream and its first step, as in 3/120".into()))
+    let hashes: Option<ClipHashes> = named.into_iter().map(parse).collect();
+    hashes.ok_or_else(|| wrong("a clip is named by its dream and its first step, as in 3/120".into()))
 }
 
 #[cfg(test)]
@@ -120,39 +120,41 @@ mod tests {
 
     #[test]
     fn a_clip_looks_like_itself_and_unlike_others() {
-        let look = Look::of(&[frame(10), frame(99), frame(40)]);
-        assert_eq!(look.0.len(), 2 * 48, "two pictures of sixteen colors");
-        assert_eq!((look.0[0], look.0[47]), (10, 16), "rows 0 and 1, rows 6 and 7");
-        assert_eq!(look.apart(&Look::of(&[frame(10), frame(0), frame(40)])), 0, "only its ends count");
-        assert_eq!(look.apart(&Look::of(&[frame(10), frame(46)])), 6);
-        assert_eq!(look.apart(&Look::of(&[])), u8::MAX);
+        let hash = ClipHash::of(&[frame(10), frame(99), frame(40)]);
+        assert_eq!(hash.0.len(), 2 * 48, "two pictures of sixteen colors");
+        assert_eq!((hash.0[0], hash.0[47]), (10, 16), "rows 0 and 1, rows 6 and 7");
+        assert_eq!(hash.apart(&ClipHash::of(&[frame(10), frame(0), frame(40)])), 0, "only its ends count");
+        assert_eq!(hash.apart(&ClipHash::of(&[frame(10), frame(46)])), 6);
+        assert_eq!(hash.apart(&ClipHash::of(&[])), u8::MAX);
     }
 
     #[test]
-    fn looks_survive_the_way_to_a_file_and_back() {
+    fn hashes_survive_the_way_to_a_file_and_back() {
         let dir = tempfile::tempdir().unwrap();
         assert_eq!(read(dir.path()).unwrap(), None);
-        let looks =
-            Looks::from([((DreamId(2), 35), Look::of(&[frame(1)])), ((DreamId(11), 0), Look::of(&[]))]);
-        write(dir.path(), &looks).unwrap();
-        assert_eq!(read(dir.path()).unwrap(), Some(looks));
+        let hashes = ClipHashes::from([
+            ((DreamId(2), 35), ClipHash::of(&[frame(1)])),
+            ((DreamId(11), 0), ClipHash::of(&[])),
+        ]);
+        write(dir.path(), &hashes).unwrap();
+        assert_eq!(read(dir.path()).unwrap(), Some(hashes));
         std::fs::write(dir.path().join(FILE), r#"{"2": "00"}"#).unwrap();
         assert!(read(dir.path()).unwrap_err().to_string().contains("3/120"));
     }
 
     #[test]
     fn what_is_no_color_is_refused() {
-        let look =
+        let hash =
             |hex: &str| parse(format!("\u{feff}{{\"4/280\":\"{hex}\"}}").as_bytes(), Path::new("clips.json"));
-        assert_eq!(look("0a").unwrap().len(), 1);
+        assert_eq!(hash("0a").unwrap().len(), 1);
         for hex in ["é0é", "0", "+1", "0g", "00 "] {
-            assert!(look(hex).unwrap_err().to_string().contains("hexadecimal"), "{hex:?}");
+            assert!(hash(hex).unwrap_err().to_string().contains("hexadecimal"), "{hex:?}");
         }
     }
 
     proptest! {
         #[test]
-        fn any_bytes_are_looks_or_an_error(bytes in any::<Vec<u8>>()) {
+        fn any_bytes_are_hashes_or_an_error(bytes in any::<Vec<u8>>()) {
             drop(parse(&bytes, Path::new("clips.json")));
         }
     }
