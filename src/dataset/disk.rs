@@ -14,6 +14,8 @@ pub(super) const FILES_PER_CHUNK: usize = 1000;
 pub(super) const DAMAGED: &str = "damaged";
 /// What the name of a damaged file ends in, there.
 const DAMAGED_EXTENSION: &str = "damaged";
+/// What the name of a journal ends in.
+pub(super) const JOURNAL_EXTENSION: &str = "journal";
 /// Who holds this file locked is recording; it lies in `journal`.
 pub(super) const LOCK: &str = ".lock";
 
@@ -124,5 +126,5 @@ fn is_written_here(partial: &Path) -> bool {
     let is_named = |names: &[&str]| names.iter().any(|name| whole.ends_with(name));
     number_in(&whole, "file-", ".parquet").is_some()
         || is_named(&["info.json", "stats.json", "tasks.parquet", "renumbering"])
-        || whole.extension().is_some_and(|extension| extension == super::journal::EXTENSION)
+        || whole.extension().is_some_and(|extension| extension == JOURNAL_EXTENSION)
 }

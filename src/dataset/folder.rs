@@ -6,8 +6,11 @@ use std::path::{Path, PathBuf};
 
 use sha2::{Digest as _, Sha256};
 
+use super::found::Found;
+use super::hex::to_hex;
 use super::journal::{self, Recording, Take};
-use super::sealed::{self, Notes, Place, to_hex};
+use super::notes::Notes;
+use super::sealed::{self, Place};
 use super::{DatasetError, Episode, EpisodeInfo, Unfinished, disk, meta, ownership};
 use crate::env::{End, Frame};
 
@@ -23,52 +26,6 @@ pub struct Dataset {
     pub(super) lock: Option<File>,
 }
 
-/// What lies among a dataset's episodes.
-pub(super) struct Found {
-    /// Ours, in the order of their files.
-    pub(super) episodes: Vec<Notes>,
-    /// Torn files, why, and where.
-    torn: Vec<(String, PathBuf)>,
-    /// Whole files that are none of ours.
-    pub(super) others: Vec<DatasetError>,
-}
-
-impl Found {
-    /// Reads the footers of all files.
-    fn read(dir: &Path) -> Result<Self, DatasetError> {
-        let (mut episodes, mut torn, mut others) = (Vec::new(), Vec::new(), Vec::new());
-        for path in disk::data_files(dir)? {
-            match sealed::open(&path) {
-                Ok(notes) => episodes.push(notes),
-                Err(DatasetError::Damaged { reason, path }) => torn.push((reason, path)),
-                Err(error @ DatasetError::NotOurs { .. }) => others.push(error),
-                Err(error) => return Err(error),
-            }
-        }
-        Ok(Self { episodes, torn, others })
-    }
-
-    /// What episodes of `env` can join, in a folder of ours or an empty one.
-    fn to_go_on_with(dir: &Path, env: &str) -> Result<Self, DatasetError> {
-        let found = Self::read(dir)?;
-        ownership::require(dir, &found)?;
-        found.require_alike()?;
-        match found.episodes.first() {
-            Some(first) if first.info.env != env => {
-                let met = first.info.env.clone();
-                Err(DatasetError::OtherEnv { tried: env.into(), met, path: dir.to_path_buf() })
-            }
-            _ => Ok(found),
-        }
-    }
-
-    /// All episodes of a dataset are of one world and have the same columns.
-    fn require_alike(&self) -> Result<(), DatasetError> {
-        let Some((first, rest)) = self.episodes.split_first() else { return Ok(()) };
-        rest.iter().try_for_each(|other| sealed::require_alike(first, other))
-    }
-}
-
 impl Dataset {
     /// Opens a dataset for recording in the environment `env`; makes it where there is none.
     ///
@@ -81,7 +38,7 @@ impl Dataset {
         let journals = dir.join("journal");
         let lock_path = journals.join(disk::LOCK);
         if !lock_path.exists() {
-            Found::to_go_on_with(dir, env)?;
+            found_to_go_on_with(dir, env)?;
             disk::make_folder(&journals)?;
         }
         let lock = File::options().write(true).create(true).truncate(false).open(&lock_path);
@@ -95,7 +52,7 @@ impl Dataset {
             }
         }
         // From here on nobody else changes it.
-        let found = Found::to_go_on_with(dir, env)?;
+        let found = found_to_go_on_with(dir, env)?;
         let mut dataset = Self::of(dir, found.episodes);
         dataset.env = Some(env.into());
         if dataset.episodes.first().is_some_and(|first| !first.columns().ends) {
@@ -353,7 +310,7 @@ impl Dataset {
     /// Lists the journals that hold something, and removes those that hold nothing or are sealed already.
     fn find_unfinished(&mut self, journals: &Path) -> Result<(), DatasetError> {
         let mut paths = disk::list(journals)?;
-        paths.retain(|path| path.extension().is_some_and(|extension| extension == journal::EXTENSION));
+        paths.retain(|path| path.extension().is_some_and(|extension| extension == disk::JOURNAL_EXTENSION));
         paths.sort();
         for path in paths {
             let take = match journal::read(&path) {
@@ -382,5 +339,19 @@ impl Dataset {
             }
             _ => Ok(()),
         }
+    }
+}
+
+/// What episodes of `env` can join, in a folder of ours or an empty one.
+fn found_to_go_on_with(dir: &Path, env: &str) -> Result<Found, DatasetError> {
+    let found = Found::read(dir)?;
+    ownership::require(dir, &found)?;
+    found.require_alike()?;
+    match found.episodes.first() {
+        Some(first) if first.info.env != env => {
+            let met = first.info.env.clone();
+            Err(DatasetError::OtherEnv { tried: env.into(), met, path: dir.to_path_buf() })
+        }
+        _ => Ok(found),
     }
 }

@@ -16,7 +16,8 @@ use std::collections::HashMap;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use super::sealed::{self, Notes, Place};
+use super::notes::Notes;
+use super::sealed::{self, Place};
 use super::{Dataset, DatasetError, EpisodeInfo, disk, meta};
 use crate::run::sync_folder;
 

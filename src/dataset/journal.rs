@@ -23,6 +23,7 @@ use std::time::{Duration, Instant, SystemTime};
 use serde::{Deserialize, Serialize};
 use sha2::{Digest as _, Sha256};
 
+use super::disk::JOURNAL_EXTENSION;
 use super::{DatasetError, EpisodeInfo, StepRecord, disk, limits, png};
 use crate::env::{Action, Contacts, End, Frame, MAX_STEPS};
 use crate::run::{Appender, log_saved};
@@ -31,8 +32,6 @@ use crate::run::{Appender, log_saved};
 const MAGIC: &[u8] = b"dropj journal 2\n";
 /// What it began with before it knew the car's state and why an episode ended.
 const OLD_MAGIC: &[u8] = b"dropj journal 1\n";
-/// What the name of a journal ends in.
-pub(super) const EXTENSION: &str = "journal";
 /// Length and checksum before each payload.
 const RECORD_HEAD: usize = 12;
 /// A power cut costs at most this much; a killed program nothing.
@@ -310,7 +309,7 @@ fn new_journal(folder: &Path) -> (String, PathBuf) {
     let mut nanos = since_epoch.as_nanos();
     loop {
         let id = format!("{nanos:023}");
-        let path = folder.join(format!("{id}.{EXTENSION}"));
+        let path = folder.join(format!("{id}.{JOURNAL_EXTENSION}"));
         if !path.exists() {
             return (id, path);
         }

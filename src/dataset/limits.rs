@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use super::EpisodeInfo;
-use super::sealed::{ACTION, IMAGE, Notes};
+use super::notes::{ACTION, IMAGE, Notes, STATE};
 use super::stats::Stats;
 use crate::env::Action;
 
@@ -94,7 +94,7 @@ fn check_stats(notes: &Notes) -> Result<(), String> {
             let width = match name.as_str() {
                 ACTION => Action::LEN,
                 IMAGE => 3,
-                super::sealed::STATE => notes.state.len(),
+                STATE => notes.state.len(),
                 _ => 1,
             };
             !stats.is_sane(width, notes.n_steps)

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use parquet::errors::Result;
 use serde_json::{Map, Value, json};
 
-use super::sealed::{ACTION, CAR, CHUCKHOLE, IMAGE, Notes, STATE, TERMINATED, TRUNCATED};
+use super::notes::{ACTION, CAR, CHUCKHOLE, IMAGE, Notes, STATE, TERMINATED, TRUNCATED};
 use super::stats::Stats;
 use super::table::{Column, to_parquet};
 use super::{DatasetError, disk};

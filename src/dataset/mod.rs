@@ -26,10 +26,13 @@
 mod disk;
 mod error;
 mod folder;
+mod found;
+mod hex;
 mod index;
 mod journal;
 mod limits;
 mod meta;
+mod notes;
 mod ownership;
 mod parquet_check;
 mod png;

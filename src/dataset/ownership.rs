@@ -5,7 +5,7 @@ use std::path::Path;
 
 use serde_json::Value;
 
-use super::folder::Found;
+use super::found::Found;
 use super::{DatasetError, disk, index, journal, sealed};
 
 /// What we make in a dataset's folder.

@@ -5,134 +5,25 @@
 
 use std::collections::BTreeMap;
 use std::fs::{self, File};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use parquet::data_type::{BoolType, ByteArray, ByteArrayType, FloatType, Int64Type};
-use serde::{Deserialize, Serialize};
+use serde::Deserialize;
 
+use super::hex::{from_hex, to_hex};
 use super::journal::{Row, Take, TakeEnd};
+use super::notes::{ACTION, CAR, CHUCKHOLE, Columns, FORMAT, IMAGE, Notes, STATE, TERMINATED, TRUNCATED};
 use super::stats::Stats;
 use super::table::{Column, Fault, Footer, Table, to_parquet};
-use super::{DatasetError, Episode, EpisodeInfo, disk, limits, png};
+use super::{DatasetError, Episode, disk, limits, png};
 use crate::env::{Action, Contacts, Frame, MAX_STEPS, STEPS_PER_SEC};
 
-/// The format of the notes. Those of 1 knew neither the car's state nor why an episode ended.
-const FORMAT: u32 = 2;
 /// The key of the notes in the footer.
 const NOTES: &str = "dropj";
 /// The key of the last frame in the footer: a PNG in hexadecimal.
 const LAST_FRAME: &str = "dropj.last_frame";
 /// At most so many frames of an episode are looked at for its statistics.
 const N_SAMPLED_FRAMES: usize = 100;
-/// The column of actions.
-pub(super) const ACTION: &str = "action";
-/// The columns that only worlds with obstacles have.
-pub(super) const CHUCKHOLE: &str = "next.chuckhole";
-pub(super) const CAR: &str = "next.car";
-/// The column of frames.
-pub(super) const IMAGE: &str = "observation.image";
-/// The column of what the car measured, in worlds where it measures something.
-pub(super) const STATE: &str = "observation.state";
-/// The columns that tell the two ends apart that an environment gives an episode.
-pub(super) const TERMINATED: &str = "next.terminated";
-pub(super) const TRUNCATED: &str = "next.truncated";
-
-/// What the footer of an episode file says.
-#[derive(Clone, Debug, Serialize, Deserialize)]
-pub(super) struct Notes {
-    format: u32,
-    /// The version that recorded it.
-    pub(super) app: String,
-    /// Who drove where.
-    #[serde(flatten)]
-    pub(super) info: EpisodeInfo,
-    /// The journal that it was sealed from.
-    pub(super) recording: String,
-    /// Its number in the dataset.
-    pub(super) number: usize,
-    /// How many steps the episodes before it have.
-    pub(super) first_index: usize,
-    /// How many steps it has.
-    pub(super) n_steps: usize,
-    /// Pixels a side.
-    pub(super) side: u32,
-    /// Whether the environment ended it.
-    pub(super) done: bool,
-    /// Whether it did so because the time was up.
-    #[serde(default)]
-    pub(super) truncated: bool,
-    /// The names of what the car measured.
-    #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    pub(super) state: Vec<String>,
-    /// The steps that the planner drove, from the first to before the last of each stretch.
-    #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    pub(super) planned: Vec<[usize; 2]>,
-    /// The statistics of each column.
-    pub(super) stats: BTreeMap<String, Stats>,
-    /// The file that says so.
-    #[serde(skip)]
-    pub(super) path: PathBuf,
-}
-
-impl Notes {
-    /// Which columns it has.
-    pub(super) fn columns(&self) -> Columns {
-        Columns {
-            state: self.state.clone(),
-            ends: self.stats.contains_key(TRUNCATED),
-            obstacles: self.stats.contains_key(CHUCKHOLE) || self.stats.contains_key(CAR),
-        }
-    }
-
-    /// Whether it has this place in the dataset, in its name and in its columns.
-    pub(super) fn is_at(&self, dir: &Path, number: usize, first_index: usize) -> bool {
-        (self.number, self.first_index) == (number, first_index)
-            && self.path == disk::episode_path(dir, number)
-    }
-}
-
-/// The columns that not every dataset has; all episodes of one have the same.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub(super) struct Columns {
-    /// The names of what the car measured; none, no column.
-    pub(super) state: Vec<String>,
-    /// Whether it is told why episodes ended. Before format 2 it was not.
-    pub(super) ends: bool,
-    /// Whether contacts with obstacles were recorded.
-    pub(super) obstacles: bool,
-}
-
-impl Columns {
-    /// Those that a take can fill.
-    fn of(take: &Take) -> Self {
-        let obstacles = take.rows.iter().all(|row| row.contacts.is_some());
-        Self { state: take.state.clone(), ends: true, obstacles }
-    }
-
-    /// The names of all columns.
-    pub(super) fn names(&self) -> Vec<&'static str> {
-        let mut names = vec![
-            IMAGE,
-            ACTION,
-            "next.reward",
-            "next.done",
-            "next.grass",
-            "wall_time_ns",
-            "timestamp",
-            "frame_index",
-            "episode_index",
-            "index",
-            "task_index",
-        ];
-        let optional = [
-            (!self.state.is_empty(), [STATE].as_slice()),
-            (self.ends, &[TERMINATED, TRUNCATED]),
-            (self.obstacles, &[CHUCKHOLE, CAR]),
-        ];
-        names.extend(optional.into_iter().filter(|(is_there, _)| *is_there).flat_map(|(_, names)| names));
-        names
-    }
-}
 
 /// Where an episode stands among others.
 #[derive(Clone, Copy, Debug)]
@@ -180,7 +71,7 @@ pub(super) fn write(
     place: Place,
     first: Option<&Notes>,
 ) -> Result<Notes, DatasetError> {
-    let there = Columns::of(take);
+    let there = columns_of(take);
     let columns = first.map_or_else(|| there.clone(), Notes::columns);
     let lacks_state = !columns.state.is_empty() && columns.state != there.state;
     if lacks_state || columns.obstacles != there.obstacles {
@@ -242,6 +133,12 @@ fn write_as(
     let bytes = to_parquet(cells, footer).map_err(|error| damaged(error.to_string()))?;
     disk::replace(&path, &bytes)?;
     Ok(notes)
+}
+
+/// The columns that a take can fill.
+fn columns_of(take: &Take) -> Columns {
+    let obstacles = take.rows.iter().all(|row| row.contacts.is_some());
+    Columns { state: take.state.clone(), ends: true, obstacles }
 }
 
 /// Pixels a side of all frames of a take.
@@ -497,32 +394,4 @@ fn contacts(table: &Table, notes: &Notes) -> parquet::errors::Result<Vec<Contact
     let chuckholes = table.read::<BoolType>(&[CHUCKHOLE], 1)?;
     let cars = table.read::<BoolType>(&[CAR], 1)?;
     Ok(chuckholes.into_iter().zip(cars).map(|(chuckhole, car)| Contacts { chuckhole, car }).collect())
-}
-
-/// Bytes in hexadecimal, as notes are text.
-pub(super) fn to_hex(bytes: &[u8]) -> String {
-    const DIGITS: &[u8; 16] = b"0123456789abcdef";
-    bytes.iter().flat_map(|byte| [byte >> 4, byte & 15]).map(|digit| DIGITS[digit as usize] as char).collect()
-}
-
-fn from_hex(hex: &str) -> Option<Vec<u8>> {
-    let digit = |byte: u8| char::from(byte).to_digit(16).map(|digit| digit as u8);
-    let (pairs, rest) = hex.as_bytes().as_chunks();
-    if !rest.is_empty() {
-        return None;
-    }
-    pairs.iter().map(|&[high, low]| Some(digit(high)? << 4 | digit(low)?)).collect()
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn hexadecimal_comes_back() {
-        let bytes: Vec<u8> = (0..=255).collect();
-        assert_eq!(from_hex(&to_hex(&bytes)), Some(bytes));
-        assert_eq!(from_hex("0g"), None);
-        assert_eq!(from_hex("012"), None);
-    }
 }

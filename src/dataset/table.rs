@@ -20,9 +20,8 @@ use parquet::file::writer::{SerializedFileWriter, SerializedRowGroupWriter};
 use parquet::schema::types::{ColumnPath, Type, TypePtr};
 use sha2::{Digest as _, Sha256};
 
-use super::limits;
-use super::parquet_check;
-use super::sealed::to_hex;
+use super::hex::to_hex;
+use super::{limits, parquet_check};
 
 /// The key of the note that covers all that stands before the footer: how many bytes, and their SHA-256.
 const SHA256: &str = "dropj.sha256";

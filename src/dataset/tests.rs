@@ -7,7 +7,7 @@ use parquet::data_type::BoolType;
 use rand::{Rng as _, SeedableRng as _};
 use rand_chacha::ChaCha8Rng;
 
-use super::sealed::Notes;
+use super::notes::Notes;
 use super::table::{Column, Table, sign_footer, sign_pages, to_parquet};
 use super::{Dataset, DatasetError, Episode, EpisodeInfo, Recording, StepRecord};
 use super::{disk, limits, read_episode, read_journal};

@@ -1,11 +1,15 @@
 //! What can happen in a session, as it stands in its log: facts, never what follows from them.
 
+use std::ops::Range;
+
 use serde::{Deserialize, Serialize};
+use serde_json::Value;
 
 use crate::planner::synthesis::Acquisition;
 use crate::query::{
     DreamId, Protocol, QueryId, Response, SegmentRef, SkipReason, Strategy, Transition, Weights,
 };
+use crate::text;
 
 /// One thing that happened.
 ///
@@ -272,16 +276,29 @@ impl Entry {
     }
 
     /// The entry that such an object tells of.
-    pub(crate) fn from_value(mut fields: serde_json::Value) -> Result<Self, LineError> {
+    pub(crate) fn from_value(mut fields: Value) -> Result<Self, LineError> {
         let mut number = |name: &str| {
             let taken = fields.as_object_mut().and_then(|fields| fields.remove(name));
-            let number = taken.as_ref().and_then(serde_json::Value::as_u64);
+            let number = taken.as_ref().and_then(Value::as_u64);
             number.ok_or_else(|| LineError::Other(format!("it has no number {name:?}")))
         };
         let (seq, at) = (number("seq")?, number("at")?);
         let event = serde_json::from_value(fields).map_err(|e| LineError::Other(e.to_string()))?;
         Ok(Self { event, seq, at })
     }
+}
+
+/// What a whole event begins with; not even the name of an annotator can contain it, for there the quotes are escaped.
+const BEGINNING: &[u8] = b"{\"event\"";
+
+/// The whole objects in `line` that begin as events do.
+pub(super) fn objects_in(line: &[u8]) -> impl Iterator<Item = (Range<usize>, Value)> {
+    text::objects_in(line, &[BEGINNING])
+}
+
+/// Whether a line that is no JSON has a whole event in it, so that cutting it off would lose that.
+pub(super) fn has_event(line: &[u8]) -> bool {
+    objects_in(line).any(|(_, value)| Entry::from_value(value).is_ok())
 }
 
 #[cfg(test)]

@@ -6,9 +6,7 @@ use std::path::Path;
 
 use crate::run::Appender;
 use crate::session::error::SessionError;
-pub(super) use crate::session::event::LineError;
-use crate::session::event::{Entry, Event};
-use crate::session::repair::has_event;
+use crate::session::event::{Entry, Event, LineError, has_event};
 use crate::text::{is_utf16, shown, trimmed};
 
 /// As many bytes of a log are read at first to find its last line.

@@ -5,18 +5,17 @@
 //! with it. The two halves without files, [`mend_header`] and [`mend_log`], take whatever bytes there are.
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::ops::Range;
 use std::path::{Path, PathBuf};
 
 use serde_json::{Map, Value};
 
 use crate::query::{DreamId, Preference, Protocol, QueryId, Response, SegmentRef, Transition, Weights};
 use crate::session::error::{Impossible, SessionError};
-use crate::session::event::{Choice, DreamSource, Entry, Event, KeptDream};
+use crate::session::event::{Choice, DreamSource, Entry, Event, KeptDream, LineError, objects_in};
 use crate::session::header::{self, FORMAT, Header};
 use crate::session::{Answer, Session, arrays, check, log, store};
 use crate::tensor::sha256;
-use crate::text::{self, decoded, is_utf16, shown, trimmed};
+use crate::text::{decoded, is_utf16, shown, trimmed};
 
 /// What the name of a file that was repaired ends in.
 const BEFORE: &str = "before-repair";
@@ -357,10 +356,10 @@ fn lines(bytes: &[u8]) -> impl Iterator<Item = (usize, Vec<u8>)> {
 fn events_in(line: &[u8]) -> (Vec<Entry>, Option<String>) {
     match Entry::from_line(line) {
         Ok(entry) => return (vec![entry], None),
-        Err(log::LineError::Other(met)) => {
+        Err(LineError::Other(met)) => {
             return (Vec::new(), Some(format!("it is not an event ({})", shown(&met))));
         }
-        Err(log::LineError::Torn(_)) => {}
+        Err(LineError::Torn(_)) => {}
     }
     let (mut entries, mut rest) = (Vec::new(), Vec::new());
     let mut from = 0;
@@ -390,19 +389,6 @@ fn events_in(line: &[u8]) -> (Vec<Entry>, Option<String>) {
         None
     };
     (entries, what)
-}
-
-/// What a whole event begins with; not even the name of an annotator can contain it, for there the quotes are escaped.
-const BEGINNING: &[u8] = b"{\"event\"";
-
-/// The whole objects in `line` that begin as events do.
-fn objects_in(line: &[u8]) -> impl Iterator<Item = (Range<usize>, Value)> {
-    text::objects_in(line, &[BEGINNING])
-}
-
-/// Whether a line that is no JSON has a whole event in it, so that cutting it off would lose that.
-pub(super) fn has_event(line: &[u8]) -> bool {
-    objects_in(line).any(|(_, value)| Entry::from_value(value).is_ok())
 }
 
 /// A log that is being mended.

@@ -2,9 +2,10 @@
 
 use rand::{Rng, RngExt as _};
 
-use super::pilot::HALF_ROAD;
 use crate::env::{Obstacle, Truth};
 
+/// Half the road in units.
+pub(super) const HALF_ROAD: f32 = 6.67;
 /// An obstacle is noticed so many seconds before it is reached, at no less than so many units a second.
 const NOTICED_SECS: f32 = 2.0;
 const NOTICED_SPEED: f32 = 12.0;

@@ -8,11 +8,9 @@ use std::f32::consts::PI;
 use rand::{Rng, RngExt as _};
 
 use super::actuation::{Actuator, InputKind, LOCK, Setpoint};
-use super::obstacle_policy::ObstaclePolicy;
+use super::obstacle_policy::{HALF_ROAD, ObstaclePolicy};
 use crate::env::{Action, STEPS_PER_SEC, Truth};
 
-/// Half the road in units.
-pub(super) const HALF_ROAD: f32 = 6.67;
 /// Distance between the axles in units.
 const WHEELBASE: f32 = 3.24;
 /// Units from node to node.

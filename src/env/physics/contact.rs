@@ -1,9 +1,8 @@
 //! Solid contacts: cars that hit cars.
 
-use super::island::{Position, Velocity};
-use super::joint::clamp;
 use super::manifold::{Manifold, TOTAL_RADIUS};
-use super::math::{Rot, Transform, Vec2};
+use super::math::{Rot, Transform, Vec2, clamp};
+use super::motion::{Position, Velocity};
 use super::shape::SKIN;
 use crate::env::trig::Trig;
 

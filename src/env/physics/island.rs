@@ -2,7 +2,8 @@
 
 use super::contact::{ContactRow, Side};
 use super::joint::{JointImpulse, JointRow};
-use super::math::{Rot, Transform, Vec2};
+use super::math::{Rot, Transform};
+use super::motion::{Position, Velocity};
 use super::{Body, Contact, Joint};
 use crate::env::trig::Trig;
 
@@ -16,30 +17,6 @@ const MAX_ROTATION: f32 = 0.5 * std::f32::consts::PI;
 const SLEEP_LINEAR: f32 = 0.01;
 const SLEEP_ANGULAR: f32 = 2.0 / 180.0 * std::f32::consts::PI;
 const SECS_TO_SLEEP: f32 = 0.5;
-
-/// Center of mass and angle while an island is solved.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Position {
-    pub(super) c: Vec2,
-    pub(super) a: f32,
-}
-
-/// Linear and angular velocity while an island is solved.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Velocity {
-    pub(super) v: Vec2,
-    pub(super) w: f32,
-}
-
-impl Velocity {
-    /// Equality to the last bit.
-    #[inline]
-    fn same(self, other: Self) -> bool {
-        self.v.x.to_bits() == other.v.x.to_bits()
-            && self.v.y.to_bits() == other.v.y.to_bits()
-            && self.w.to_bits() == other.w.to_bits()
-    }
-}
 
 /// The lists of an island and the memory to solve it in, kept over steps.
 #[derive(Clone, Debug, Default)]

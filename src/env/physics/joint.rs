@@ -1,7 +1,7 @@
 //! Revolute joints with a motor and limits: how wheels hang on a hull.
 
-use super::island::{Position, Velocity};
-use super::math::{Rot, Vec2, solve_symmetric};
+use super::math::{Rot, Vec2, clamp, solve_symmetric};
+use super::motion::{Position, Velocity};
 use crate::env::trig::Trig;
 
 /// The number of a joint in its world.
@@ -272,12 +272,6 @@ impl JointRow {
         positions[self.ib] = b;
         gap.length() <= LINEAR_SLOP && angular_error <= ANGULAR_SLOP
     }
-}
-
-/// `x` cut to `[lo, hi]` as Box2D does it.
-#[inline]
-pub(super) fn clamp(x: f32, lo: f32, hi: f32) -> f32 {
-    x.min(hi).max(lo)
 }
 
 #[inline]

@@ -179,3 +179,9 @@ impl Transform {
 pub(super) fn solve_symmetric(det: f32, a11: f32, a12: f32, a22: f32, b: Vec2) -> Vec2 {
     Vec2::new(det * (a22 * b.x - a12 * b.y), det * (a11 * b.y - a12 * b.x))
 }
+
+/// `x` cut to `[lo, hi]` as Box2D does it.
+#[inline]
+pub(super) fn clamp(x: f32, lo: f32, hi: f32) -> f32 {
+    x.min(hi).max(lo)
+}

@@ -12,6 +12,7 @@ mod island;
 mod joint;
 mod manifold;
 mod math;
+mod motion;
 mod shape;
 
 pub use body::{Body, BodyId, Filter};
