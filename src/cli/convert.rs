@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use anyhow::Context as _;
 use clap::ValueEnum;
-use dropj::reward::{RewardEnsemble, SparseReward};
+use dropj::reward::{RewardEnsemble, RewardKind, SparseReward};
 use dropj::run::{read_parameters, write_whole};
 use dropj::simulate::probe::Probe;
 use dropj::tensor::{Dtype, Parameters};
@@ -60,11 +60,10 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
 
 /// What `parameters` are, and the same in this program's layout.
 fn relaid(parameters: &Parameters) -> anyhow::Result<(&'static str, Parameters)> {
-    if parameters.metadata("reward").is_some() {
-        return Ok(("reward", RewardEnsemble::relaid(parameters)?));
-    }
-    if SparseReward::is_in(parameters) {
-        return Ok(("reward of verdicts", SparseReward::relaid(parameters)?));
+    match RewardKind::of(parameters) {
+        Some(RewardKind::Preferences) => return Ok(("reward", RewardEnsemble::relaid(parameters)?)),
+        Some(RewardKind::Verdicts) => return Ok(("reward of verdicts", SparseReward::relaid(parameters)?)),
+        None => {}
     }
     let config = parameters.metadata("config").unwrap_or_default();
     let config: serde_json::Value = serde_json::from_str(&config).unwrap_or_default();

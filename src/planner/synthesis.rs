@@ -5,13 +5,13 @@ use std::ops::ControlFlow;
 use rand::{Rng, RngExt as _};
 use rand_distr::{Distribution as _, StandardNormal};
 use serde::{Deserialize, Serialize};
-use tch::nn::OptimizerConfig as _;
 use tch::{Device, Kind, Tensor, nn};
 
 use crate::dream::{DreamEpisode, Rows};
 use crate::env::Action;
 use crate::query::TRAJECTORY_LEN;
 use crate::reward::SparseReward;
+use crate::tensor::adam::pytorch_adam;
 use crate::tensor::{NotFinite, from_slice, to_vec};
 use crate::world_model::{LatentState, State, WorldModel};
 
@@ -106,9 +106,7 @@ pub fn synthesize(
     let start = State::side_by_side(&starts);
     let store = nn::VarStore::new(Device::Cpu);
     let mut actions = store.root().var_copy("actions", &beginnings(wanted.len(), rng)); // [B, 49, A]
-    let mut adam = nn::Adam::default()
-        .build(&store, config.learning_rate)
-        .unwrap_or_else(|e| unreachable!("plain numbers make an optimizer: {e}"));
+    let mut adam = pytorch_adam(&store, config.learning_rate);
     let (low, high) = (Tensor::from_slice(&[-1.0f32, 0.0, 0.0]), Tensor::from_slice(&[1.0f32; 3]));
     let mut best: Vec<Option<(f32, Tensor, Tensor)>> = (0..starts.len()).map(|_| None).collect();
     for i in 0..config.iterations {

@@ -5,14 +5,14 @@ use std::ops::ControlFlow;
 use rand::Rng;
 use rand::seq::SliceRandom as _;
 use serde::{Deserialize, Serialize};
-use tch::nn::{self, OptimizerConfig as _};
-use tch::{Kind, Tensor};
+use tch::{Kind, Tensor, nn};
 
 use crate::dream::Rows;
 use crate::env::{Action, ScaledAction};
 use crate::query::{Label, SEGMENT_LEN, SegmentRef};
 use crate::reward::metrics::{Prediction, PredictionMetrics};
 use crate::reward::{RewardConfig, RewardEnsemble};
+use crate::tensor::adam::pytorch_adam;
 use crate::tensor::{NotFinite, dims, from_slice, require_finite, to_vec};
 
 /// How many answers the recent figures look back on.
@@ -84,7 +84,7 @@ impl Clone for Pair {
 impl Trainer {
     /// A trainer that goes on with `ensemble` and knows no answers yet.
     pub fn new(ensemble: RewardEnsemble) -> Self {
-        Self { adam: adam(&ensemble), ensemble, pairs: Vec::new(), foretold: Vec::new() }
+        Self { adam: ensemble.adam(), ensemble, pairs: Vec::new(), foretold: Vec::new() }
     }
 
     /// The ensemble as it stands.
@@ -222,7 +222,7 @@ impl Trainer {
         self.ensemble = self.ensemble.fresh(rng);
         // DIFFERENCE: the authors begin with outputs as drawn: likes and dislikes by chance, which a short fit keeps.
         self.ensemble.zero_output();
-        self.adam = adam(&self.ensemble);
+        self.adam = self.ensemble.adam();
     }
 
     /// For each member a permutation of the answers.
@@ -282,6 +282,11 @@ impl RewardEnsemble {
         rewards.view([e, b, sides, k]).sum_dim_intlist(-1, false, Kind::Float)
     }
 
+    /// An optimizer for all members: it is one for each, because their parameters are apart.
+    fn adam(&self) -> nn::Optimizer {
+        pytorch_adam(&self.store, self.config.learning_rate)
+    }
+
     /// Another ensemble of the same shape that has learned nothing.
     fn fresh(&self, rng: &mut impl Rng) -> Self {
         let config: RewardConfig = self.config.clone();
@@ -303,14 +308,6 @@ fn loss(returns: &Tensor, mus: &Tensor) -> Tensor {
     let gap = returns.select(2, 0) - returns.select(2, 1); // [E, B]
     // −ln σ(g) = softplus(g) − g and −ln(1 − σ(g)) = softplus(g).
     (gap.softplus() - mus * gap).mean_dim(1, false, Kind::Float)
-}
-
-/// Adam with PyTorch's β = 0.9, 0.999 and ε = 1e-8.
-///
-/// One for all members is one for each, because their parameters are apart.
-fn adam(ensemble: &RewardEnsemble) -> nn::Optimizer {
-    let adam = nn::Adam::default().build(&ensemble.store, ensemble.config.learning_rate);
-    adam.unwrap_or_else(|e| unreachable!("plain numbers make an optimizer: {e}"))
 }
 
 #[cfg(test)]

@@ -6,6 +6,62 @@ use crate::reward::{InferenceReward, RewardEnsemble, RewardError, RewardModel, S
 use crate::tensor::Parameters;
 use crate::world_model::ModelIdentity;
 
+/// What a reward was learned from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum RewardKind {
+    /// Pairs of clips.
+    Preferences,
+    /// Single transitions.
+    Verdicts,
+}
+
+impl RewardKind {
+    /// The kind of the reward in `parameters`, by their header; nothing where they hold no reward.
+    pub fn of(parameters: &Parameters) -> Option<Self> {
+        if parameters.metadata(SparseReward::KEY).is_some() {
+            Some(Self::Verdicts)
+        } else {
+            parameters.metadata(RewardEnsemble::KEY).map(|_| Self::Preferences)
+        }
+    }
+}
+
+/// The networks of a reward of either kind, whose members can be asked one by one.
+#[derive(Debug)]
+pub enum RewardNetworks {
+    /// Learned from pairs of clips.
+    Preferences(RewardEnsemble),
+    /// Learned from single transitions.
+    Verdicts(SparseReward),
+}
+
+impl RewardNetworks {
+    /// The networks in `parameters`.
+    pub fn load(parameters: &Parameters) -> Result<Self, RewardError> {
+        match RewardKind::of(parameters) {
+            Some(RewardKind::Verdicts) => SparseReward::load(parameters).map(Self::Verdicts),
+            // What holds no reward at all is refused for its header.
+            Some(RewardKind::Preferences) | None => RewardEnsemble::load(parameters).map(Self::Preferences),
+        }
+    }
+
+    /// Fails where these were learned with another world model than the one that is `wanted`.
+    pub fn require(&self, wanted: &ModelIdentity) -> Result<(), RewardError> {
+        match self {
+            Self::Preferences(reward) => reward.require(wanted),
+            Self::Verdicts(reward) => reward.require(wanted),
+        }
+    }
+
+    /// The same reward as a planner is given it.
+    pub fn for_inference(&self) -> LearnedReward {
+        match self {
+            Self::Preferences(reward) => LearnedReward::Preferences(reward.for_inference()),
+            Self::Verdicts(reward) => LearnedReward::Verdicts(reward.for_inference()),
+        }
+    }
+}
+
 /// What a planner is given.
 #[derive(Debug)]
 pub enum LearnedReward {
@@ -18,14 +74,9 @@ pub enum LearnedReward {
 impl LearnedReward {
     /// The reward in `parameters`, which must have been learned with the world model that is `wanted`.
     pub fn load(parameters: &Parameters, wanted: &ModelIdentity) -> Result<Self, RewardError> {
-        if SparseReward::is_in(parameters) {
-            let reward = SparseReward::load(parameters)?;
-            reward.require(wanted)?;
-            return Ok(Self::Verdicts(reward.for_inference()));
-        }
-        let reward = RewardEnsemble::load(parameters)?;
-        reward.require(wanted)?;
-        Ok(Self::Preferences(reward.for_inference()))
+        let networks = RewardNetworks::load(parameters)?;
+        networks.require(wanted)?;
+        Ok(networks.for_inference())
     }
 
     /// Whether it was learned from single transitions, for which a planner looks further ahead (method §11).

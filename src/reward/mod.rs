@@ -27,7 +27,7 @@ use crate::world_model::{ModelIdentity, fast_kind};
 
 pub use fit::{EpochReport, SegmentPair, Trainer, segment_rows};
 pub use inference::InferenceReward;
-pub use learned::LearnedReward;
+pub use learned::{LearnedReward, RewardKind, RewardNetworks};
 pub use metrics::PredictionMetrics;
 pub use preference_fit::{Fitted, fit_anew, predict_held_out};
 pub use sparse::{SparseConfig, SparseReward, transition_row};
@@ -213,6 +213,9 @@ fn require_model(named: &str, n_features: i64, wanted: &ModelIdentity) -> Result
 }
 
 impl RewardEnsemble {
+    /// The key of its header, and what the names of its parameters begin with.
+    const KEY: &str = "reward";
+
     /// A fresh ensemble over `n_features` features of the world model with hash `world_model`.
     ///
     /// Weights and biases are uniform in ±1/√inputs, as PyTorch draws them.
@@ -239,14 +242,14 @@ impl RewardEnsemble {
 
     /// The ensemble whose networks `parameters` hold; their header says which they are.
     pub fn load(parameters: &Parameters) -> Result<Self, RewardError> {
-        let (layout, header) = Header::of(parameters, "reward", RewardConfig::check)?;
+        let (layout, header) = Header::of(parameters, Self::KEY, RewardConfig::check)?;
         let slots = Self::slots(&header.config, header.n_features);
         // Before anything is made: what a header promises, the file must hold.
-        parameters.require("reward", &slots, layout)?;
+        parameters.require(Self::KEY, &slots, layout)?;
         // The draw is overwritten at once.
         let rng = &mut ChaCha8Rng::seed_from_u64(0);
         let ensemble = Self::new(header.n_features, &header.world_model, header.config, rng);
-        parameters.fill("reward", &slots, layout, &ensemble.store)?;
+        parameters.fill(Self::KEY, &slots, layout, &ensemble.store)?;
         Ok(ensemble)
     }
 
@@ -254,9 +257,9 @@ impl RewardEnsemble {
     pub fn relaid(parameters: &Parameters) -> Result<Parameters, RewardError> {
         Self::load(parameters)?;
         let (layout, Header { config, n_features, .. }) =
-            Header::of(parameters, "reward", RewardConfig::check)?;
+            Header::of(parameters, Self::KEY, RewardConfig::check)?;
         let slots = Self::slots(&config, n_features);
-        let relaid = parameters.relaid("reward", &[("reward", &slots)], layout, LAYOUT);
+        let relaid = parameters.relaid(Self::KEY, &[(Self::KEY, &slots)], layout, LAYOUT);
         Ok(relaid.unwrap_or_else(|| parameters.clone()))
     }
 
@@ -271,7 +274,7 @@ impl RewardEnsemble {
         let (config, world_model) = (self.config.clone(), self.world_model.clone());
         let header = Header { config, n_features: self.n_features, world_model };
         let slots = Self::slots(&self.config, self.n_features);
-        Parameters::stored(&[("reward", &self.store, &slots)], &[("reward", described(&header))])
+        Parameters::stored(&[(Self::KEY, &self.store, &slots)], &[(Self::KEY, described(&header))])
     }
 
     /// The same ensemble with its products computed in `kind`; where nothing is said it is [`fast_kind`].

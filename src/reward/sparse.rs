@@ -3,7 +3,6 @@
 use rand::{Rng, SeedableRng as _};
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
-use tch::nn::OptimizerConfig as _;
 use tch::{Device, Kind, Tensor, nn};
 
 use crate::dream::Rows;
@@ -126,6 +125,9 @@ pub struct SparseReward {
 }
 
 impl SparseReward {
+    /// The key of its header, and what the names of its parameters begin with.
+    pub(super) const KEY: &str = "sparse_reward";
+
     /// A fresh ensemble over `n_features` features of the world model with hash `world_model`.
     pub fn new(n_features: i64, world_model: &str, config: SparseConfig, rng: &mut impl Rng) -> Self {
         let store = nn::VarStore::new(Device::Cpu);
@@ -142,20 +144,15 @@ impl SparseReward {
         Self { config, n_features, world_model: world_model.to_owned(), kind: Kind::Float, store, layers }
     }
 
-    /// Whether `parameters` are those of such an ensemble.
-    pub fn is_in(parameters: &Parameters) -> bool {
-        parameters.metadata("sparse_reward").is_some()
-    }
-
     /// The ensemble whose networks `parameters` hold; their header says which they are.
     pub fn load(parameters: &Parameters) -> Result<Self, RewardError> {
-        let (layout, header) = Header::of(parameters, "sparse_reward", SparseConfig::check)?;
+        let (layout, header) = Header::of(parameters, Self::KEY, SparseConfig::check)?;
         let slots = Self::slots(&header.config, header.n_features);
-        parameters.require("sparse_reward", &slots, layout)?;
+        parameters.require(Self::KEY, &slots, layout)?;
         // The draw is overwritten at once.
         let rng = &mut ChaCha8Rng::seed_from_u64(0);
         let ensemble = Self::new(header.n_features, &header.world_model, header.config, rng);
-        parameters.fill("sparse_reward", &slots, layout, &ensemble.store)?;
+        parameters.fill(Self::KEY, &slots, layout, &ensemble.store)?;
         Ok(ensemble)
     }
 
@@ -163,9 +160,9 @@ impl SparseReward {
     pub fn relaid(parameters: &Parameters) -> Result<Parameters, RewardError> {
         Self::load(parameters)?;
         let (layout, Header { config, n_features, .. }) =
-            Header::of(parameters, "sparse_reward", SparseConfig::check)?;
+            Header::of(parameters, Self::KEY, SparseConfig::check)?;
         let slots = Self::slots(&config, n_features);
-        let relaid = parameters.relaid("sparse_reward", &[("sparse_reward", &slots)], layout, LAYOUT);
+        let relaid = parameters.relaid(Self::KEY, &[(Self::KEY, &slots)], layout, LAYOUT);
         Ok(relaid.unwrap_or_else(|| parameters.clone()))
     }
 
@@ -185,10 +182,7 @@ impl SparseReward {
         let (config, world_model) = (self.config.clone(), self.world_model.clone());
         let header = Header { config, n_features: self.n_features, world_model };
         let slots = Self::slots(&self.config, self.n_features);
-        Parameters::stored(
-            &[("sparse_reward", &self.store, &slots)],
-            &[("sparse_reward", described(&header))],
-        )
+        Parameters::stored(&[(Self::KEY, &self.store, &slots)], &[(Self::KEY, described(&header))])
     }
 
     /// The shape of the ensemble, and how it is fitted.
@@ -350,17 +344,11 @@ impl Lesson {
     }
 }
 
-/// Adam with PyTorch's β = 0.9, 0.999 and ε = 1e-8.
-pub(super) fn adam(ensemble: &SparseReward) -> nn::Optimizer {
-    let adam = nn::Adam::default().build(&ensemble.store, ensemble.config.learning_rate);
-    adam.unwrap_or_else(|e| unreachable!("plain numbers make an optimizer: {e}"))
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::env::ScaledAction;
-    use crate::reward::scaled_actions_tensor;
+    use crate::reward::{RewardKind, scaled_actions_tensor};
     use crate::tensor::{normal, to_vec};
 
     fn rng() -> ChaCha8Rng {
@@ -436,7 +424,8 @@ mod tests {
         let rows = normal(&mut rng(), &[6, 39]);
         let parameters = ensemble.parameters();
         let loaded = SparseReward::load(&parameters).unwrap();
-        assert!(SparseReward::is_in(&parameters), "its header tells it from other rewards");
+        let kind = RewardKind::of(&parameters);
+        assert_eq!(kind, Some(RewardKind::Verdicts), "its header tells it from other rewards");
         assert_eq!(to_vec(&loaded.logits(&rows)), to_vec(&ensemble.logits(&rows)));
         assert_eq!((loaded.config(), loaded.world_model()), (ensemble.config(), "sha256:0"));
     }

@@ -10,7 +10,8 @@ use tch::{Kind, Tensor};
 use crate::query::{JudgedTransition, Transition};
 use crate::reward::EpochReport;
 use crate::reward::fit::require_losses;
-use crate::reward::sparse::{Lesson, Rules, SparseConfig, SparseReward, adam, balanced_losses, joint_loss};
+use crate::reward::sparse::{Lesson, Rules, SparseConfig, SparseReward, balanced_losses, joint_loss};
+use crate::tensor::adam::pytorch_adam;
 use crate::tensor::{NotFinite, require_finite, to_vec};
 use crate::world_model::WorldModel;
 
@@ -76,7 +77,7 @@ fn fit(
     let n_held_out = (config.held_out * taught.len() as f64).round() as usize;
     let held_out = lesson(taught.split_off(taught.len() - n_held_out.min(taught.len().saturating_sub(1))));
     let lesson = lesson(taught);
-    let (weights, mut adam) = (lesson.weights(), adam(&reward));
+    let (weights, mut adam) = (lesson.weights(), pytorch_adam(&reward.store, config.learning_rate));
     let n_epochs = config.epochs(lesson.n);
     let (mut best, mut losses) = (None::<(HeldOut, crate::tensor::Parameters)>, Vec::new());
     for epoch in 1..=n_epochs {

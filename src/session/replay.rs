@@ -6,7 +6,9 @@ use std::path::{Path, PathBuf};
 
 use crate::dream::{DreamEpisode, Rows};
 use crate::query::{DreamId, JudgedTransition, LabeledQuery, SEGMENT_LEN, SegmentRef, Transition};
-use crate::reward::{RewardEnsemble, SparseReward, fit_anew, fit_sparse_anew, segment_rows, transition_row};
+use crate::reward::{
+    EpochReport, RewardKind, RewardNetworks, fit_anew, fit_sparse_anew, segment_rows, transition_row,
+};
 use crate::session::clip_hash::{self, ClipHash, ClipHashes};
 use crate::session::error::SessionError;
 use crate::session::header::Header;
@@ -125,23 +127,27 @@ impl Replay {
         let wrong = |met| SessionError::Reward { met, path: path.clone() };
         let mut dreams = Dreams { replay: self, model, read: BTreeMap::new() };
         let seed = replayed.fitted.fit.seed;
-        if replayed.is_sparse {
-            let config = SparseReward::load(&parameters).map_err(wrong)?.config().clone();
-            let row = |transition: Transition| {
-                let (episode, features) = dreams.get(transition.dream)?;
-                Ok::<_, SessionError>(transition_row(features, &episode.actions, transition.step))
-            };
-            let fitted =
-                fit_sparse_anew(model, config, seed, &replayed.judged, row, |_| ControlFlow::Continue(()))?;
-            return Ok(fitted.expect("nobody stops this fit").losses);
-        }
-        let config = RewardEnsemble::load(&parameters).map_err(wrong)?.config().clone();
-        let rows = |segment: SegmentRef| {
-            let (episode, features) = dreams.get(segment.dream)?;
-            Ok::<_, SessionError>(segment_rows(features, &episode.actions, segment))
+        let go_on = |_: &EpochReport| ControlFlow::Continue(());
+        let losses = match RewardNetworks::load(&parameters).map_err(wrong)? {
+            RewardNetworks::Preferences(reward) => {
+                let rows = |segment: SegmentRef| {
+                    let (episode, features) = dreams.get(segment.dream)?;
+                    Ok::<_, SessionError>(segment_rows(features, &episode.actions, segment))
+                };
+                let config = reward.config().clone();
+                fit_anew(model, config, seed, &replayed.labels, rows, go_on)?.map(|fitted| fitted.losses)
+            }
+            RewardNetworks::Verdicts(reward) => {
+                let row = |transition: Transition| {
+                    let (episode, features) = dreams.get(transition.dream)?;
+                    Ok::<_, SessionError>(transition_row(features, &episode.actions, transition.step))
+                };
+                let config = reward.config().clone();
+                let fitted = fit_sparse_anew(model, config, seed, &replayed.judged, row, go_on)?;
+                fitted.map(|fitted| fitted.losses)
+            }
         };
-        let fitted = fit_anew(model, config, seed, &replayed.labels, rows, |_| ControlFlow::Continue(()))?;
-        Ok(fitted.expect("nobody stops this fit").losses)
+        Ok(losses.expect("nobody stops this fit"))
     }
 }
 
@@ -177,7 +183,8 @@ fn fits(dir: &Path, header: &Header, contents: &log::Contents, session: &Session
         let mut judged = before.judged();
         judged.sort_by_key(|judged| judged.query);
         // One that cannot be read is told of where it is learned again.
-        let is_sparse = read_parameters(dir, fitted).is_ok_and(|(_, saved)| SparseReward::is_in(&saved));
+        let kind = read_parameters(dir, fitted).ok().and_then(|(_, saved)| RewardKind::of(&saved));
+        let is_sparse = kind == Some(RewardKind::Verdicts);
         ReplayedFit { fitted: fitted.clone(), labels, judged, is_sparse }
     };
     session.fits().iter().map(replayed).collect()

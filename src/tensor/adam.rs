@@ -1,8 +1,10 @@
 //! The Adam optimizer, with a state that can be saved, so that a fit resumes where it was stopped.
 //!
-//! (tch's own optimizers keep their moments in C++, out of reach of a checkpoint.)
+//! There are two, because [`Adam`] rounds otherwise than [`pytorch_adam`], whose moments no checkpoint can reach: rewards
+//! are learned with the latter, and learned again they must be the same to the last bit.
 
-use tch::{Kind, Tensor, nn};
+use tch::nn::{self, OptimizerConfig as _};
+use tch::{Kind, Tensor};
 
 /// β₁, β₂ and ε of PyTorch's defaults.
 const BETA_1: f64 = 0.9;
@@ -11,6 +13,12 @@ const EPSILON: f64 = 1e-8;
 
 /// Entries that are moved at a time: four arrays of so many stay near the processor, and a step is all memory traffic.
 const BLOCK: i64 = 1 << 16;
+
+/// PyTorch's own Adam over every variable of `store`, with its β = 0.9, 0.999 and ε = 1e-8.
+pub fn pytorch_adam(store: &nn::VarStore, learning_rate: f64) -> nn::Optimizer {
+    let adam = nn::Adam::default().build(store, learning_rate);
+    adam.unwrap_or_else(|e| unreachable!("plain numbers make an optimizer: {e}"))
+}
 
 /// Adam over every variable of a store.
 #[derive(Debug)]

@@ -4,7 +4,8 @@ use tch::Kind;
 
 use crate::env::Action;
 use crate::reward::{
-    LearnedReward, RewardEnsemble, RewardError, RewardModel as _, SparseReward, scaled_actions_tensor,
+    LearnedReward, RewardEnsemble, RewardError, RewardModel as _, RewardNetworks, SparseReward,
+    scaled_actions_tensor,
 };
 use crate::tensor::{Parameters, from_slice, to_vec};
 use crate::world_model::{ModelIdentity, actions_tensor};
@@ -20,14 +21,12 @@ pub(super) enum Jury {
 impl Jury {
     /// The reward in `parameters`, which must have been learned with the world model that is `wanted`.
     pub(super) fn load(parameters: &Parameters, wanted: &ModelIdentity) -> Result<Self, RewardError> {
-        if SparseReward::is_in(parameters) {
-            let reward = SparseReward::load(parameters)?;
-            reward.require(wanted)?;
-            return Ok(Self::Verdicts(reward));
-        }
-        let reward = RewardEnsemble::load(parameters)?;
-        reward.require(wanted)?;
-        Ok(Self::Preferences(reward))
+        let networks = RewardNetworks::load(parameters)?;
+        networks.require(wanted)?;
+        Ok(match networks {
+            RewardNetworks::Preferences(reward) => Self::Preferences(reward),
+            RewardNetworks::Verdicts(reward) => Self::Verdicts(reward),
+        })
     }
 
     /// The same reward as a planner is given it.

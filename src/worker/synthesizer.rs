@@ -9,7 +9,7 @@ use rand_chacha::ChaCha8Rng;
 
 use crate::dream::Rows;
 use crate::planner::synthesis::{Acquisition, SynthesisConfig, synthesize};
-use crate::reward::{SparseConfig, SparseReward};
+use crate::reward::{RewardKind, SparseConfig, SparseReward};
 use crate::tensor::{Parameters, from_slice};
 use crate::worker::{Report, Reports, SynthesizerCommand, Worker, one_thread};
 use crate::world_model::{LatentState, WorldModel};
@@ -95,7 +95,10 @@ impl Wanted {
 
     /// What it is judged by: the classifier that was learned, or a fresh one where none was.
     fn classifier(&self, model: &WorldModel, rng: &mut ChaCha8Rng) -> Result<SparseReward, String> {
-        let learned = self.reward.as_ref().filter(|parameters| SparseReward::is_in(parameters));
+        let learned = self
+            .reward
+            .as_ref()
+            .filter(|parameters| RewardKind::of(parameters) == Some(RewardKind::Verdicts));
         let Some(learned) = learned else {
             return Ok(SparseReward::new(
                 model.config().n_features(),

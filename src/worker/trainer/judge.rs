@@ -114,7 +114,7 @@ mod tests {
 
     use super::*;
     use crate::query::{DreamId, Verdict};
-    use crate::reward::{RewardConfig, SparseReward};
+    use crate::reward::{RewardConfig, RewardKind};
     use crate::worker::trainer::tests::answers;
     use crate::worker::{Reports, TrainerCommand, one_thread, toy};
 
@@ -141,7 +141,7 @@ mod tests {
             panic!("{reports:?}")
         };
         assert!(
-            SparseReward::is_in(parameters) && learning.held_out_loss.is_some(),
+            RewardKind::of(parameters) == Some(RewardKind::Verdicts) && learning.held_out_loss.is_some(),
             "a classifier: {learning:?}"
         );
         learner.hear(TrainerCommand::Forget(QueryId(3)));
@@ -155,6 +155,6 @@ mod tests {
         learner.hand_on(None);
         let last = inbox.try_iter().last();
         let Some(Report::Learned { parameters, n_labels: 10, .. }) = last else { panic!("{last:?}") };
-        assert!(!SparseReward::is_in(&parameters), "preferences came last");
+        assert_eq!(RewardKind::of(&parameters), Some(RewardKind::Preferences), "preferences came last");
     }
 }
