@@ -13,8 +13,8 @@ use crate::env::Frame;
 
 pub use container::Dtype;
 pub use parameters::{
-    LAYOUT, NotFinite, Parameters, ParametersError, Slot, described, describes, is_finite, layout_of,
-    require_finite, sha256,
+    DescriptionError, LAYOUT, NotFinite, Parameters, ParametersError, Slot, described, describes, is_finite,
+    layout_of, require_finite, sha256,
 };
 
 /// The sizes of `tensor`, which must have `N` axes.

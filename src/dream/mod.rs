@@ -54,6 +54,19 @@ impl Rows {
     }
 }
 
+/// That the states of a dream are not as wide as those of a world model.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[error(
+    "its states have {} latents and {} memory cells, and those of the world model {} and {}",
+    .found[0], .found[1], .wanted[0], .wanted[1]
+)]
+pub struct OtherStates {
+    /// The latents and memory cells of the dream's states.
+    pub found: [usize; 2],
+    /// Those of the world model's.
+    pub wanted: [usize; 2],
+}
+
 /// A dream as it was driven, from which everything else follows.
 ///
 /// Step t is in state (zₜ, memoryₜ) and takes action t; the memory is a function of the start, the latents and the
@@ -117,16 +130,14 @@ impl DreamEpisode {
     }
 
     /// Fails where this was dreamed by networks of other shapes than those of `model`.
-    pub fn require(&self, model: &ModelIdentity) -> Result<(), String> {
+    pub fn require(&self, model: &ModelIdentity) -> Result<(), OtherStates> {
         let found = [self.start.z.len(), self.zs.width, self.start.c.len(), self.start.h.len()];
         let (z, m) = (model.config().mdn_rnn.latent as usize, model.config().mdn_rnn.memory as usize);
         if found == [z, z, m, m] {
             return Ok(());
         }
         let [n_latents, _, n_memory, _] = found;
-        Err(format!(
-            "its states have {n_latents} latents and {n_memory} memory cells, and those of the world model {z} and {m}"
-        ))
+        Err(OtherStates { found: [n_latents, n_memory], wanted: [z, m] })
     }
 
     /// The features `[z | c | h]` of every step, remembered anew.
@@ -269,7 +280,7 @@ mod tests {
         let dream =
             |z, m| DreamEpisode::new(LatentState { z: vec![0.0; z], c: vec![0.0; m], h: vec![0.0; m] }, 0);
         assert_eq!(dream(4, 16).require(model.identity()), Ok(()));
-        let refused = dream(2, 16).require(model.identity()).unwrap_err();
+        let refused = dream(2, 16).require(model.identity()).unwrap_err().to_string();
         assert!(refused.contains("2 latents and 16 memory cells"), "{refused}");
         assert!(dream(4, 10).require(model.identity()).is_err());
     }

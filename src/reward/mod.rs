@@ -21,7 +21,8 @@ use crate::tensor::limits::{
     MAX_COUNT, MAX_LATENTS, MAX_LAYERS, MAX_MEMBERS, MAX_MEMORY, MAX_WIDTH, OutOfRange, named, within,
 };
 use crate::tensor::{
-    LAYOUT, Parameters, ParametersError, Slot, described, describes, dims, from_slice, uniform,
+    DescriptionError, LAYOUT, Parameters, ParametersError, Slot, described, describes, dims, from_slice,
+    uniform,
 };
 use crate::world_model::{ModelIdentity, fast_kind};
 
@@ -130,7 +131,7 @@ pub enum RewardError {
     Parameters(ParametersError),
     /// The header does not describe an ensemble.
     #[error("cannot load the reward: its header does not describe one ({0})")]
-    Header(String),
+    Header(DescriptionError),
     /// The header describes an ensemble that cannot be.
     #[error("cannot load the reward: {0}")]
     Config(OutOfRange),

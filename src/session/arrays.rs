@@ -7,7 +7,7 @@ use safetensors::tensor::{Dtype, TensorView};
 use crate::dream::{DreamEpisode, Rows};
 use crate::env::Action;
 use crate::run::replace_file;
-use crate::session::error::SessionError;
+use crate::session::error::{DreamError, SessionError};
 use crate::tensor::container::Container;
 use crate::tensor::limits::{MAX_LATENTS, MAX_MEMORY, within};
 use crate::world_model::LatentState;
@@ -52,22 +52,23 @@ pub fn dream_to_bytes(episode: &DreamEpisode) -> Vec<u8> {
 /// The dream in the bytes of such a file, or what is wrong with them.
 ///
 /// What comes out is a dream that can be: made of numbers, of parts that fit, and marked at steps that it has.
-pub fn dream_from_bytes(bytes: &[u8]) -> Result<DreamEpisode, String> {
-    let file = Container::read(bytes)?;
-    let seed = file.value("seed").and_then(|seed| seed.parse().ok()).ok_or("it has no seed")?;
-    let entry = |name: &str| file.entry(name).ok_or_else(|| format!("it has no {name:?}"));
-    let floats = |name: &str, n_axes: usize| {
+pub fn dream_from_bytes(bytes: &[u8]) -> Result<DreamEpisode, DreamError> {
+    let file = Container::read(bytes).map_err(DreamError::Container)?;
+    let seed = file.value("seed").and_then(|seed| seed.parse().ok()).ok_or(DreamError::NoSeed)?;
+    let entry = |name: &'static str| file.entry(name).ok_or(DreamError::Missing(name));
+    let floats = |name: &'static str, wanted: usize| {
         let entry = entry(name)?;
-        if entry.shape.len() != n_axes {
-            return Err(format!("its {name:?} have {} axes in place of {n_axes}", entry.shape.len()));
+        let found = entry.shape.len();
+        if found != wanted {
+            return Err(DreamError::Axes { name, found, wanted });
         }
-        let values = file.floats(entry).ok_or_else(|| format!("its {name:?} are of type {}", entry.dtype))?;
+        let values = file.floats(entry).ok_or(DreamError::Kind { name, dtype: entry.dtype })?;
         Ok((values, entry.shape.clone()))
     };
-    let steps = |name: &str, row: &[usize]| {
+    let steps = |name: &'static str, row: &[usize]| {
         let entry = entry(name)?;
         if entry.dtype != Dtype::U32 || entry.shape.get(1..) != Some(row) {
-            return Err(format!("its {name:?} are {} of shape {:?}", entry.dtype, entry.shape));
+            return Err(DreamError::NoSteps { name, dtype: entry.dtype, shape: entry.shape.clone() });
         }
         let words = file.bytes(entry).as_chunks::<4>().0;
         Ok(words.iter().map(|word| u32::from_le_bytes(*word) as usize).collect::<Vec<_>>())
@@ -77,10 +78,10 @@ pub fn dream_from_bytes(bytes: &[u8]) -> Result<DreamEpisode, String> {
     let (values, shape) = floats("zs", 2)?;
     let (action_values, action_shape) = floats("actions", 2)?;
     if shape != [action_shape[0], start.z.len()] || action_shape[1] != Action::LEN {
-        return Err(format!("its arrays do not fit: zs {shape:?}, actions {action_shape:?}"));
+        return Err(DreamError::Unfit { zs: shape, actions: action_shape });
     }
     if let Some(i) = action_values.iter().position(|value| !value.is_finite()) {
-        return Err(format!("the action of its step {} is not a number", i / Action::LEN));
+        return Err(DreamError::Action(i / Action::LEN));
     }
     let (actions, _) = action_values.as_chunks::<{ Action::LEN }>();
     let ends = if file.entry("planned").is_some() { steps("planned", &[2])? } else { Vec::new() };
@@ -97,34 +98,31 @@ pub fn dream_from_bytes(bytes: &[u8]) -> Result<DreamEpisode, String> {
 }
 
 /// Fails where a dream cannot be: numbers that are none, parts that do not fit, or steps that it does not have.
-pub(super) fn check(episode: &DreamEpisode) -> Result<(), String> {
+pub(super) fn check(episode: &DreamEpisode) -> Result<(), DreamError> {
     let DreamEpisode { start, zs, actions, unsafe_marks, planned, .. } = episode;
     let (n, n_latents, n_memory) = (actions.len(), start.z.len(), start.c.len());
-    within("the number of its latents", n_latents, 1..=MAX_LATENTS as usize).map_err(|e| e.to_string())?;
-    within("the number of its memory cells", n_memory, 1..=MAX_MEMORY as usize).map_err(|e| e.to_string())?;
+    within("the number of its latents", n_latents, 1..=MAX_LATENTS as usize)
+        .and_then(|()| within("the number of its memory cells", n_memory, 1..=MAX_MEMORY as usize))
+        .map_err(DreamError::OutOfRange)?;
     if start.h.len() != n_memory {
-        return Err(format!("its start has {n_memory} memory cells and {} outputs of them", start.h.len()));
+        return Err(DreamError::Start { cells: n_memory, outputs: start.h.len() });
     }
     if (zs.width, zs.values.len()) != (n_latents, n * n_latents) {
-        return Err(format!("it has latents of {} steps and actions of {n}", zs.len()));
+        return Err(DreamError::Steps { latents: zs.len(), actions: n });
     }
     if ![&start.z, &start.c, &start.h].into_iter().flatten().all(|value| value.is_finite()) {
-        return Err("its start is not made of numbers".to_owned());
+        return Err(DreamError::StartNotFinite);
     }
     if let Some(i) = zs.values.iter().position(|value| !value.is_finite()) {
-        return Err(format!("the latents of its step {} are not numbers", i / n_latents));
+        return Err(DreamError::Latents(i / n_latents));
     }
-    if let Some(mark) = unsafe_marks.iter().find(|mark| **mark >= n) {
-        return Err(format!("its step {mark} is marked as unsafe, and it has {n} steps"));
+    if let Some(&mark) = unsafe_marks.iter().find(|mark| **mark >= n) {
+        return Err(DreamError::Mark { mark, n_steps: n });
     }
     let mut end = 0;
     for range in planned {
         if range.start < end || range.is_empty() || range.end > n {
-            return Err(format!(
-                "the planner is said to have driven its steps from {} to {}, which are none of its {n}, or are not behind \
-                 those named before",
-                range.start, range.end
-            ));
+            return Err(DreamError::Planned { from: range.start, to: range.end, n_steps: n });
         }
         end = range.end;
     }
@@ -160,12 +158,12 @@ mod tests {
         for len in [0, 1, 33] {
             let dream = formula_dream(len, u64::MAX - 1);
             let bytes = dream_to_bytes(&dream);
-            assert_eq!(dream_from_bytes(&bytes), Ok(dream.clone()));
+            assert_eq!(dream_from_bytes(&bytes).unwrap(), dream);
             assert_eq!(bytes, dream_to_bytes(&dream), "the same dream has the same bytes");
             // A planner can only have driven steps that there are.
             let planned = if len == 33 { vec![3..9, 20..33] } else { vec![] };
             let shared = DreamEpisode { planned, ..dream };
-            assert_eq!(dream_from_bytes(&dream_to_bytes(&shared)), Ok(shared));
+            assert_eq!(dream_from_bytes(&dream_to_bytes(&shared)).unwrap(), shared);
         }
     }
 
@@ -174,7 +172,7 @@ mod tests {
         assert!(dream_from_bytes(b"not a dream").is_err());
         let mut dream = formula_dream(5, 0);
         dream.actions.pop();
-        let refused = dream_from_bytes(&dream_to_bytes(&dream)).unwrap_err();
+        let refused = dream_from_bytes(&dream_to_bytes(&dream)).unwrap_err().to_string();
         assert_eq!(refused, "its arrays do not fit: zs [5, 4], actions [4, 3]");
     }
 
@@ -183,9 +181,9 @@ mod tests {
         let refused = |change: &dyn Fn(&mut DreamEpisode)| {
             let mut dream = formula_dream(20, 0);
             dream.planned = vec![3..9, 12..14];
-            assert_eq!(dream_from_bytes(&dream_to_bytes(&dream)), Ok(dream.clone()), "unchanged it is one");
+            assert_eq!(dream_from_bytes(&dream_to_bytes(&dream)).unwrap(), dream, "unchanged it is one");
             change(&mut dream);
-            dream_from_bytes(&dream_to_bytes(&dream)).unwrap_err()
+            dream_from_bytes(&dream_to_bytes(&dream)).unwrap_err().to_string()
         };
         assert!(refused(&|dream| dream.zs.values[4 * 7 + 1] = f32::NAN).contains("step 7"));
         assert!(refused(&|dream| dream.actions[6].gas = f32::INFINITY).contains("step 6"));
@@ -216,7 +214,7 @@ mod tests {
                 damaged[(at + i) % n] = byte;
             }
             if let Ok(dream) = dream_from_bytes(&damaged) {
-                prop_assert_eq!(check(&dream), Ok(()));
+                prop_assert!(check(&dream).is_ok());
             }
             damaged.truncate(cut);
             drop(dream_from_bytes(&damaged));

@@ -10,7 +10,7 @@ use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use crate::env::Frame;
 use crate::query::DreamId;
 use crate::session::arrays::write_whole;
-use crate::session::error::SessionError;
+use crate::session::error::{ClipHashError, SessionError};
 use crate::text::trimmed;
 
 /// The file in a session's folder.
@@ -96,15 +96,15 @@ pub(super) fn read(dir: &Path) -> Result<Option<ClipHashes>, SessionError> {
 
 /// The hashes in the bytes of such a file: a pure function, which takes whatever bytes there are.
 pub fn parse(bytes: &[u8], path: &Path) -> Result<ClipHashes, SessionError> {
-    let wrong = |met: String| SessionError::ClipHashes { met, path: path.to_owned() };
+    let wrong = |met| SessionError::ClipHashes { met, path: path.to_owned() };
     let named: BTreeMap<String, ClipHash> =
-        serde_json::from_slice(trimmed(bytes)).map_err(|e| wrong(e.to_string()))?;
+        serde_json::from_slice(trimmed(bytes)).map_err(|e| wrong(ClipHashError::Json(e)))?;
     let parse = |(name, hash): (String, ClipHash)| {
         let (dream, start) = name.split_once('/')?;
         Some(((DreamId(dream.parse().ok()?), start.parse().ok()?), hash))
     };
     let hashes: Option<ClipHashes> = named.into_iter().map(parse).collect();
-    hashes.ok_or_else(|| wrong("a clip is named by its dream and its first step, as in 3/120".into()))
+    hashes.ok_or_else(|| wrong(ClipHashError::Name))
 }
 
 #[cfg(test)]

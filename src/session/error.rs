@@ -3,10 +3,14 @@
 use std::io;
 use std::path::{Path, PathBuf};
 
+use crate::dream::OtherStates;
 use crate::query::{DreamId, Protocol, QueryId, SegmentRef, Transition};
 use crate::reward::RewardError;
 use crate::run::place::Told;
 use crate::run::{AppendError, RunError};
+use crate::session::event::LineError;
+use crate::tensor::container::{ContainerError, Dtype};
+use crate::tensor::limits::OutOfRange;
 use crate::tensor::{NotFinite, ParametersError};
 use crate::world_model::WorldModelError;
 
@@ -129,6 +133,179 @@ pub enum Impossible {
     Outside(String),
 }
 
+/// Why bytes are no header of a session.
+#[derive(Debug, thiserror::Error)]
+pub enum HeaderError {
+    /// There are none.
+    #[error("it is empty")]
+    Empty,
+    /// A crash of the machine left the file so.
+    #[error("there is nothing but zeros in it")]
+    Zeros,
+    /// They are text in another encoding.
+    #[error("it is stored as UTF-16, and the header is UTF-8")]
+    Utf16,
+    /// They are not JSON, or tell something else.
+    #[error(transparent)]
+    Json(serde_json::Error),
+    /// What looked like a header is not JSON.
+    #[error("it is not JSON ({0})")]
+    NotJson(serde_json::Error),
+    /// No header begins in them.
+    #[error("there is no header in it")]
+    None,
+    /// There never was such a format.
+    #[error("it is of format 0, and the first one is 1")]
+    FormatZero,
+    /// The format is not named.
+    #[error("it has no number \"format\"")]
+    NoFormat,
+    /// It is of a later format.
+    #[error("it is of format {found}, and this program knows formats up to {known}")]
+    Later {
+        /// Its format.
+        found: u64,
+        /// Ours.
+        known: u32,
+    },
+    /// A number is negative, broken or too large.
+    #[error("its {0:?} is not a whole number from 0 to {max}", max = u64::MAX)]
+    NotWhole(&'static str),
+    /// A text is missing.
+    #[error("it does not say {0:?}")]
+    Missing(&'static str),
+    /// A weight cannot be.
+    #[error(transparent)]
+    Weights(Impossible),
+}
+
+/// Why bytes, or the arrays in them, are no dream.
+#[derive(Debug, thiserror::Error)]
+pub enum DreamError {
+    /// They are no safetensors file.
+    #[error(transparent)]
+    Container(ContainerError),
+    /// The seed is missing.
+    #[error("it has no seed")]
+    NoSeed,
+    /// An array is missing.
+    #[error("it has no {0:?}")]
+    Missing(&'static str),
+    /// An array has more or fewer axes.
+    #[error("its {name:?} have {found} axes in place of {wanted}")]
+    Axes {
+        /// Which one.
+        name: &'static str,
+        /// How many it has.
+        found: usize,
+        /// How many it should have.
+        wanted: usize,
+    },
+    /// An array does not hold floating numbers.
+    #[error("its {name:?} are of type {dtype}")]
+    Kind {
+        /// Which one.
+        name: &'static str,
+        /// What it holds.
+        dtype: Dtype,
+    },
+    /// An array does not hold steps.
+    #[error("its {name:?} are {dtype} of shape {shape:?}")]
+    NoSteps {
+        /// Which one.
+        name: &'static str,
+        /// What it holds.
+        dtype: Dtype,
+        /// Its shape.
+        shape: Vec<usize>,
+    },
+    /// Latents and actions are not of the same steps.
+    #[error("its arrays do not fit: zs {zs:?}, actions {actions:?}")]
+    Unfit {
+        /// The shape of the latents.
+        zs: Vec<usize>,
+        /// The shape of the actions.
+        actions: Vec<usize>,
+    },
+    /// An action is infinite or none.
+    #[error("the action of its step {0} is not a number")]
+    Action(usize),
+    /// It is wider than can be.
+    #[error(transparent)]
+    OutOfRange(OutOfRange),
+    /// The start has not one output for each memory cell.
+    #[error("its start has {cells} memory cells and {outputs} outputs of them")]
+    Start {
+        /// How many memory cells it has.
+        cells: usize,
+        /// How many outputs.
+        outputs: usize,
+    },
+    /// There are more or fewer latents than actions.
+    #[error("it has latents of {latents} steps and actions of {actions}")]
+    Steps {
+        /// Of how many steps there are latents.
+        latents: usize,
+        /// Of how many there are actions.
+        actions: usize,
+    },
+    /// A number of the start is infinite or none.
+    #[error("its start is not made of numbers")]
+    StartNotFinite,
+    /// A latent is infinite or none.
+    #[error("the latents of its step {0} are not numbers")]
+    Latents(usize),
+    /// A step is marked that it does not have.
+    #[error("its step {mark} is marked as unsafe, and it has {n_steps} steps")]
+    Mark {
+        /// The step.
+        mark: usize,
+        /// How many it has.
+        n_steps: usize,
+    },
+    /// The planner drove steps that it does not have, or out of order.
+    #[error(
+        "the planner is said to have driven its steps from {from} to {to}, which are none of its {n_steps}, or are not \
+         behind those named before"
+    )]
+    Planned {
+        /// The first of these steps.
+        from: usize,
+        /// The one behind the last.
+        to: usize,
+        /// How many it has.
+        n_steps: usize,
+    },
+    /// It was dreamed by other networks.
+    #[error(transparent)]
+    OtherStates(OtherStates),
+    /// It is longer or shorter than the log tells.
+    #[error("it has {found} steps where the log says {told}")]
+    Length {
+        /// How many steps it has.
+        found: usize,
+        /// How many the log tells of.
+        told: usize,
+    },
+}
+
+impl From<OtherStates> for DreamError {
+    fn from(met: OtherStates) -> Self {
+        Self::OtherStates(met)
+    }
+}
+
+/// Why bytes do not tell what clips look like.
+#[derive(Debug, thiserror::Error)]
+pub enum ClipHashError {
+    /// They are not JSON, or hold something else.
+    #[error(transparent)]
+    Json(serde_json::Error),
+    /// A clip is called otherwise.
+    #[error("a clip is named by its dream and its first step, as in 3/120")]
+    Name,
+}
+
 /// Why a session cannot be made, opened, written or read.
 #[derive(Debug, thiserror::Error)]
 pub enum SessionError {
@@ -203,7 +380,7 @@ pub enum SessionError {
     )]
     LostHeader {
         /// What was met.
-        met: String,
+        met: HeaderError,
         /// Its path.
         path: PathBuf,
     },
@@ -211,7 +388,7 @@ pub enum SessionError {
     #[error("cannot read the session's header: {met}; `dropj repair` keeps what can be read: {path:?}")]
     Header {
         /// What was met.
-        met: String,
+        met: HeaderError,
         /// Its path.
         path: PathBuf,
     },
@@ -254,7 +431,7 @@ pub enum SessionError {
         /// Which line, the first being 1.
         line: usize,
         /// What was met.
-        met: String,
+        met: LineError,
         /// The log.
         path: PathBuf,
     },
@@ -286,7 +463,7 @@ pub enum SessionError {
     #[error("cannot read the dream: {met}: {path:?}")]
     Dream {
         /// What was met.
-        met: String,
+        met: DreamError,
         /// Its path.
         path: PathBuf,
     },
@@ -294,7 +471,7 @@ pub enum SessionError {
     #[error("cannot read what the clips look like: {met}; `dropj replay --record` writes it anew: {path:?}")]
     ClipHashes {
         /// What was met.
-        met: String,
+        met: ClipHashError,
         /// Its path.
         path: PathBuf,
     },

@@ -254,13 +254,27 @@ pub struct Entry {
 
 /// Why a line is no [`Entry`].
 #[derive(Debug, thiserror::Error)]
-pub(crate) enum LineError {
+pub enum LineError {
     /// It is not even JSON: perhaps half a line.
     #[error("it is not JSON ({0})")]
     Torn(serde_json::Error),
-    /// It is something else.
-    #[error("{0}")]
-    Other(String),
+    /// The log is stored in another encoding.
+    #[error("it is stored as UTF-16, and the log is UTF-8")]
+    Utf16,
+    /// A number that every line has is missing.
+    #[error("it has no number {0:?}")]
+    NoNumber(&'static str),
+    /// It tells of something else.
+    #[error(transparent)]
+    Event(serde_json::Error),
+    /// It has not the number that is next.
+    #[error("it has the number {found} where {next} is next")]
+    Number {
+        /// Its number.
+        found: u64,
+        /// The next.
+        next: usize,
+    },
 }
 
 impl Entry {
@@ -277,13 +291,13 @@ impl Entry {
 
     /// The entry that such an object tells of.
     pub(crate) fn from_value(mut fields: Value) -> Result<Self, LineError> {
-        let mut number = |name: &str| {
+        let mut number = |name: &'static str| {
             let taken = fields.as_object_mut().and_then(|fields| fields.remove(name));
             let number = taken.as_ref().and_then(Value::as_u64);
-            number.ok_or_else(|| LineError::Other(format!("it has no number {name:?}")))
+            number.ok_or(LineError::NoNumber(name))
         };
         let (seq, at) = (number("seq")?, number("at")?);
-        let event = serde_json::from_value(fields).map_err(|e| LineError::Other(e.to_string()))?;
+        let event = serde_json::from_value(fields).map_err(LineError::Event)?;
         Ok(Self { event, seq, at })
     }
 }

@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::query::{Protocol, Weights};
 use crate::session::check::check_weights;
-use crate::session::error::SessionError;
+use crate::session::error::{HeaderError, SessionError};
 use crate::session::{Session, arrays};
 use crate::text::{is_utf16, trimmed};
 
@@ -110,32 +110,32 @@ impl Header {
 
     /// The head in the bytes of its file, wherever it lies: a pure function, which takes whatever bytes there are.
     pub fn parse(bytes: &[u8], path: &Path) -> Result<Self, SessionError> {
-        let wrong = |met: String| SessionError::Header { met, path: path.to_owned() };
+        let wrong = |met: HeaderError| SessionError::Header { met, path: path.to_owned() };
         let text = trimmed(bytes);
         if text.iter().all(|&byte| byte == 0) {
-            let met = if text.is_empty() { "it is empty" } else { "there is nothing but zeros in it" };
-            return Err(wrong(met.to_owned()));
+            return Err(wrong(if text.is_empty() { HeaderError::Empty } else { HeaderError::Zeros }));
         }
         if is_utf16(text) {
-            return Err(wrong("it is stored as UTF-16, and the header is UTF-8".to_owned()));
+            return Err(wrong(HeaderError::Utf16));
         }
-        let value: serde_json::Value = serde_json::from_slice(text).map_err(|e| wrong(e.to_string()))?;
+        let value: serde_json::Value =
+            serde_json::from_slice(text).map_err(|e| wrong(HeaderError::Json(e)))?;
         // Before anything else: another format may have other fields.
         match value.get("format").and_then(serde_json::Value::as_u64) {
             Some(found) if (1..=u64::from(FORMAT)).contains(&found) => {}
-            Some(0) => return Err(wrong("it is of format 0, and the first one is 1".to_owned())),
+            Some(0) => return Err(wrong(HeaderError::FormatZero)),
             Some(found) => {
                 return Err(SessionError::Format { found, known: FORMAT, path: path.to_owned() });
             }
-            None => return Err(wrong("it has no number \"format\"".to_owned())),
+            None => return Err(wrong(HeaderError::NoFormat)),
         }
         for name in ["seed", "created_at"] {
             if value.get(name).is_some_and(|number| number.as_u64().is_none()) {
-                return Err(wrong(format!("its {name:?} is not a whole number from 0 to {}", u64::MAX)));
+                return Err(wrong(HeaderError::NotWhole(name)));
             }
         }
-        let header: Self = serde_json::from_value(value).map_err(|e| wrong(e.to_string()))?;
-        check_weights(&header.config.weights).map_err(|e| wrong(e.to_string()))?;
+        let header: Self = serde_json::from_value(value).map_err(|e| wrong(HeaderError::Json(e)))?;
+        check_weights(&header.config.weights).map_err(|e| wrong(HeaderError::Weights(e)))?;
         Ok(header)
     }
 

@@ -28,7 +28,7 @@ impl LoadedSession {
             if let Ok(episode) = dream
                 && let Err(met) = episode.require(model)
             {
-                *dream = Err(SessionError::Dream { met, path: self.store.dream_path(*id) });
+                *dream = Err(SessionError::Dream { met: met.into(), path: self.store.dream_path(*id) });
             }
         }
         Ok(())

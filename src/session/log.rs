@@ -61,8 +61,7 @@ pub fn last_at(path: &Path) -> Option<u64> {
 /// A mark of the encoding, blank lines and carriage returns mean nothing and are passed over.
 pub fn parse(bytes: &[u8], path: &Path) -> Result<Contents, SessionError> {
     if is_utf16(bytes) {
-        let met = "it is stored as UTF-16, and the log is UTF-8".to_owned();
-        return Err(SessionError::Line { line: 1, met, path: path.to_owned() });
+        return Err(SessionError::Line { line: 1, met: LineError::Utf16, path: path.to_owned() });
     }
     let mut contents = Contents::default();
     for (i, line) in bytes.split_inclusive(|&byte| byte == b'\n').enumerate() {
@@ -77,11 +76,11 @@ pub fn parse(bytes: &[u8], path: &Path) -> Result<Contents, SessionError> {
                     contents.torn = Some(String::from_utf8_lossy(line).into_owned());
                     break;
                 }
-                Err(e) => return Err(wrong(e.to_string())),
+                Err(e) => return Err(wrong(e)),
             };
             let next = contents.entries.len();
             if entry.seq != next as u64 {
-                return Err(wrong(format!("it has the number {} where {next} is next", entry.seq)));
+                return Err(wrong(LineError::Number { found: entry.seq, next }));
             }
             contents.entries.push(entry);
             contents.lines.push(i + 1);

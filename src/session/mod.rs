@@ -45,8 +45,8 @@ use crate::query::{
 
 pub use annotators::{AnnotatorReport, Annotators, share_dreams};
 pub use clip_hash::{ClipHash, ClipHashes, FILE as CLIPS_FILE};
-pub use error::{Impossible, SessionError};
-pub use event::{Answer, Choice, DreamSource, Entry, Event, Fit, KeptDream};
+pub use error::{ClipHashError, DreamError, HeaderError, Impossible, SessionError};
+pub use event::{Answer, Choice, DreamSource, Entry, Event, Fit, KeptDream, LineError};
 pub use header::{Config, FORMAT, Header, date};
 pub use journal::{DreamJournal, UnfinishedDream};
 pub use list::{ListedSession, latest, list_sessions};

@@ -10,7 +10,7 @@ use std::path::{Path, PathBuf};
 use serde_json::{Map, Value};
 
 use crate::query::{DreamId, Preference, Protocol, QueryId, Response, SegmentRef, Transition, Weights};
-use crate::session::error::{Impossible, SessionError};
+use crate::session::error::{HeaderError, Impossible, SessionError};
 use crate::session::event::{Choice, DreamSource, Entry, Event, KeptDream, LineError, objects_in};
 use crate::session::header::{self, FORMAT, Header};
 use crate::session::{Answer, Session, arrays, check, log, store};
@@ -151,25 +151,25 @@ fn recovered(dir: &Path, dream: u32) -> Option<KeptDream> {
 }
 
 /// The head in damaged bytes, and what had to be changed; or why there is none.
-pub fn mend_header(bytes: &[u8]) -> Result<(Header, Vec<String>), String> {
+pub fn mend_header(bytes: &[u8]) -> Result<(Header, Vec<String>), HeaderError> {
     let text = decoded(bytes);
-    let start = text.find('{').ok_or("there is no header in it")?;
+    let start = text.find('{').ok_or(HeaderError::None)?;
     let mut fields = match serde_json::Deserializer::from_str(&text[start..]).into_iter().next() {
         Some(Ok(Value::Object(fields))) => fields,
-        Some(Err(e)) => return Err(format!("it is not JSON ({e})")),
-        _ => return Err("there is no header in it".to_owned()),
+        Some(Err(e)) => return Err(HeaderError::NotJson(e)),
+        _ => return Err(HeaderError::None),
     };
     let mut notes = Vec::new();
     match fields.get("format").and_then(Value::as_u64) {
         Some(found) if found > u64::from(FORMAT) => {
-            return Err(format!("it is of format {found}, and this program knows formats up to {FORMAT}"));
+            return Err(HeaderError::Later { found, known: FORMAT });
         }
         Some(1..) => {}
         _ => put(&mut fields, "format", FORMAT.into(), &mut notes),
     }
-    let text = |fields: &Map<String, Value>, name| {
+    let text = |fields: &Map<String, Value>, name: &'static str| {
         let text = fields.get(name).and_then(Value::as_str).map(str::to_owned);
-        text.ok_or_else(|| format!("it does not say {name:?}"))
+        text.ok_or(HeaderError::Missing(name))
     };
     let env = text(&fields, "env")?;
     text(&fields, "world_model")?;
@@ -221,7 +221,7 @@ pub fn mend_header(bytes: &[u8]) -> Result<(Header, Vec<String>), String> {
     if notes.is_empty() {
         notes.push("what stood around the header is left out".to_owned());
     }
-    let header = serde_json::from_value(Value::Object(fields)).map_err(|e| e.to_string())?;
+    let header = serde_json::from_value(Value::Object(fields)).map_err(HeaderError::Json)?;
     Ok((header, notes))
 }
 
@@ -356,10 +356,10 @@ fn lines(bytes: &[u8]) -> impl Iterator<Item = (usize, Vec<u8>)> {
 fn events_in(line: &[u8]) -> (Vec<Entry>, Option<String>) {
     match Entry::from_line(line) {
         Ok(entry) => return (vec![entry], None),
-        Err(LineError::Other(met)) => {
-            return (Vec::new(), Some(format!("it is not an event ({})", shown(&met))));
-        }
         Err(LineError::Torn(_)) => {}
+        Err(met) => {
+            return (Vec::new(), Some(format!("it is not an event ({})", shown(&met.to_string()))));
+        }
     }
     let (mut entries, mut rest) = (Vec::new(), Vec::new());
     let mut from = 0;
@@ -389,6 +389,29 @@ fn events_in(line: &[u8]) -> (Vec<Entry>, Option<String>) {
         None
     };
     (entries, what)
+}
+
+/// Why an event is not kept.
+#[derive(Debug, thiserror::Error)]
+enum NotKept {
+    /// It cannot have happened.
+    #[error(transparent)]
+    Impossible(Impossible),
+    /// Neither the log nor a file tells of its dream.
+    #[error("it is about dream {}, of which the line and the file are lost", u64::from(.0.0) + 1)]
+    LostDream(DreamId),
+    /// The log does not tell of its query.
+    #[error("it is about query {}, and the line that asked it is lost", .0.0)]
+    LostQuery(QueryId),
+    /// The same dream was kept before.
+    #[error("this dream is there already")]
+    Twice,
+}
+
+impl From<Impossible> for NotKept {
+    fn from(why: Impossible) -> Self {
+        Self::Impossible(why)
+    }
 }
 
 /// A log that is being mended.
@@ -422,7 +445,7 @@ impl Mending<'_> {
             _ => None,
         };
         let old = entry.seq;
-        match self.renumbered(entry.event).and_then(|event| self.happens(event, old)) {
+        match self.renumbered(entry.event).and_then(|event| Ok(self.happens(event, old)?)) {
             Ok(()) => {
                 if let Some(query) = asked {
                     self.queries.insert(query, QueryId(self.session.next_query_id().0 - 1));
@@ -436,17 +459,17 @@ impl Mending<'_> {
         }
     }
 
-    fn happens(&mut self, event: Event, old: u64) -> Result<(), String> {
+    fn happens(&mut self, event: Event, old: u64) -> Result<(), Impossible> {
         if let Event::Answered(Answer { response, .. }) = &event
             && matches!(self.session.check(&event), Err(Impossible::Response { .. }))
             && let Some(protocol) = asked_under(*response)
             && protocol.is_sparse() == self.session.protocol().is_sparse()
         {
             let changed = Event::ProtocolChanged { protocol };
-            self.push(changed, old).map_err(|why| why.to_string())?;
+            self.push(changed, old)?;
             self.note(format!("from here on {} is asked: the line that said so is lost", protocol.name()));
         }
-        self.push(event, old).map_err(|why| why.to_string())
+        self.push(event, old)
     }
 
     fn push(&mut self, event: Event, old: u64) -> Result<(), Impossible> {
@@ -477,29 +500,27 @@ impl Mending<'_> {
     }
 
     /// The new number of a dream.
-    fn dream(&mut self, dream: DreamId) -> Result<DreamId, String> {
+    fn dream(&mut self, dream: DreamId) -> Result<DreamId, NotKept> {
         let known = self.dreams.get(&dream).copied();
         let known = known.or_else(|| self.recover(dream.0));
-        known.ok_or_else(|| {
-            format!("it is about dream {}, of which the line and the file are lost", u64::from(dream.0) + 1)
-        })
+        known.ok_or(NotKept::LostDream(dream))
     }
 
-    fn query(&self, query: QueryId) -> Result<QueryId, String> {
+    fn query(&self, query: QueryId) -> Result<QueryId, NotKept> {
         let known = self.queries.get(&query).copied();
-        known.ok_or_else(|| format!("it is about query {}, and the line that asked it is lost", query.0))
+        known.ok_or(NotKept::LostQuery(query))
     }
 
-    fn choice(&self, choice: Choice) -> Result<Choice, String> {
+    fn choice(&self, choice: Choice) -> Result<Choice, NotKept> {
         if let Choice::Repeat(of) = choice { self.query(of).map(Choice::Repeat) } else { Ok(choice) }
     }
 
-    fn segment(&mut self, segment: SegmentRef) -> Result<SegmentRef, String> {
+    fn segment(&mut self, segment: SegmentRef) -> Result<SegmentRef, NotKept> {
         Ok(SegmentRef { dream: self.dream(segment.dream)?, ..segment })
     }
 
     /// The event about dreams and queries as they are numbered now.
-    fn renumbered(&mut self, event: Event) -> Result<Event, String> {
+    fn renumbered(&mut self, event: Event) -> Result<Event, NotKept> {
         Ok(match event {
             Event::DreamKept(kept) => {
                 let next = self.dreams.keys().next_back().map_or(0, |last| last.0.saturating_add(1));
@@ -511,7 +532,7 @@ impl Mending<'_> {
                 let known = self.session.dreams().iter().find(|known| known.sha256 == kept.sha256);
                 if let Some(known) = known.map(|known| known.dream) {
                     self.dreams.insert(kept.dream, known);
-                    return Err("this dream is there already".to_owned());
+                    return Err(NotKept::Twice);
                 }
                 let number = DreamId(self.session.dreams().len() as u32);
                 self.dreams.insert(kept.dream, number);

@@ -10,7 +10,7 @@ use crate::planner::synthesis::Acquisition;
 use crate::query::DreamId;
 use crate::run::place::Named;
 use crate::run::{PARTIAL, check_folder, is_being_built, log_saved, remove_partials, sync_folder};
-use crate::session::error::SessionError;
+use crate::session::error::{DreamError, SessionError};
 use crate::session::event::{DreamSource, Entry, Event, Fit, KeptDream};
 use crate::session::header::{self, FORMAT, Header};
 use crate::session::journal::{self, DreamJournal, UnfinishedDream};
@@ -210,9 +210,9 @@ impl SessionStore {
     }
 
     /// Fails where a dream cannot be, or cannot be one of the session's world model.
-    pub(super) fn check_dream(&self, episode: &DreamEpisode) -> Result<(), String> {
+    pub(super) fn check_dream(&self, episode: &DreamEpisode) -> Result<(), DreamError> {
         arrays::check(episode)?;
-        self.model.as_ref().map_or(Ok(()), |model| episode.require(model))
+        self.model.as_ref().map_or(Ok(()), |model| Ok(episode.require(model)?))
     }
 
     /// Writes down that `event` happened now; when this returns it is on disk, or nothing has changed.
@@ -519,11 +519,11 @@ pub(super) fn read_dream(
     let episode = arrays::dream_from_bytes(&read_hashed(&path, &kept.sha256)?);
     let wrong = |met| SessionError::Dream { met, path: path.clone() };
     let episode = episode.map_err(wrong)?;
-    model.map_or(Ok(()), |model| episode.require(model)).map_err(wrong)?;
+    model.map_or(Ok(()), |model| Ok(episode.require(model)?)).map_err(wrong)?;
     if episode.len() == kept.len {
         Ok(episode)
     } else {
-        Err(wrong(format!("it has {} steps where the log says {}", episode.len(), kept.len)))
+        Err(wrong(DreamError::Length { found: episode.len(), told: kept.len }))
     }
 }
 

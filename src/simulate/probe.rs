@@ -11,8 +11,8 @@ use tch::{Device, Kind, Tensor, nn};
 use crate::env::{Frame, Truth};
 use crate::tensor::limits::{MAX_ACTIVATIONS, MAX_LAYERS, MAX_SIDE, MAX_WIDTH, OutOfRange, within};
 use crate::tensor::{
-    LAYOUT, Parameters, ParametersError, Slot, described, describes, dims, from_frames, layout_of, to_vec,
-    uniform,
+    DescriptionError, LAYOUT, Parameters, ParametersError, Slot, described, describes, dims, from_frames,
+    layout_of, to_vec, uniform,
 };
 use crate::world_model::{Layer, WorldModel, fast_kind};
 
@@ -265,7 +265,7 @@ pub enum ProbeError {
     Parameters(ParametersError),
     /// The header does not describe one.
     #[error("cannot load the probe: its header does not describe one ({0})")]
-    Header(String),
+    Header(DescriptionError),
     /// The header describes one that cannot be.
     #[error("cannot load the probe: {0}")]
     Config(OutOfRange),

@@ -30,6 +30,74 @@ pub struct Entry {
     pub place: Range<usize>,
 }
 
+/// Why bytes are no safetensors file, or none that is read.
+#[derive(Debug, thiserror::Error)]
+pub enum ContainerError {
+    /// There are none.
+    #[error("the file is empty")]
+    Empty,
+    /// Git LFS put a pointer in the file's place.
+    #[error("it is a pointer of Git LFS and not the file itself, which `git lfs pull` fetches")]
+    LfsPointer,
+    /// PyTorch saved them in its own way.
+    #[error("it is a zip, as PyTorch's own files are; they have to be saved as safetensors")]
+    Zip,
+    /// They end before the length of the header does.
+    #[error("{0} bytes are too few")]
+    Short(usize),
+    /// The header is said to be larger than any of ours.
+    #[error("its header is said to have {0} bytes, and at most {MAX_HEADER} are read")]
+    LongHeader(u64),
+    /// They end before the header does.
+    #[error("it is cut short: its header has {len} bytes, and {n_there} are there")]
+    Cut {
+        /// How many bytes the header is said to have.
+        len: u64,
+        /// How many bytes there are.
+        n_there: usize,
+    },
+    /// The header is not JSON, or tells something else.
+    #[error("its header cannot be read: {0}")]
+    Header(serde_json::Error),
+    /// A tensor has more axes than any of ours.
+    #[error("{name:?} has {n_axes} axes, and at most {MAX_AXES} are read")]
+    Axes {
+        /// Which one.
+        name: String,
+        /// How many it has.
+        n_axes: usize,
+    },
+    /// The tensors do not lie side by side.
+    #[error("{0:?} does not begin where the tensor before it ends")]
+    Apart(String),
+    /// A tensor would be larger than can be.
+    #[error("{name:?} has the shape {shape:?}, which is none of a tensor")]
+    Shape {
+        /// Which one.
+        name: String,
+        /// Its shape.
+        shape: Vec<usize>,
+    },
+    /// A tensor has not as many bytes as its type and its shape want.
+    #[error("{name:?} of the shape {shape:?} does not have {n_bytes} bytes")]
+    Bytes {
+        /// Which one.
+        name: String,
+        /// Its shape.
+        shape: Vec<usize>,
+        /// How many it has.
+        n_bytes: usize,
+    },
+    /// The tensors do not fill the file.
+    #[error("its tensors have {end} bytes, and {n_there} are there")]
+    Rest {
+        /// How many bytes they have.
+        end: usize,
+        /// How many there are.
+        n_there: usize,
+    },
+}
+
 /// A file that was found whole.
 #[derive(Clone, Debug)]
 pub struct Container<'a> {
@@ -42,20 +110,19 @@ pub struct Container<'a> {
 
 impl<'a> Container<'a> {
     /// What `bytes` hold, or what is wrong with them.
-    pub fn read(bytes: &'a [u8]) -> Result<Self, String> {
-        if let Some(what) = stranger(bytes) {
-            return Err(what.to_owned());
+    pub fn read(bytes: &'a [u8]) -> Result<Self, ContainerError> {
+        if let Some(stranger) = stranger(bytes) {
+            return Err(stranger);
         }
-        let short = || format!("{} bytes are too few", bytes.len());
+        let short = || ContainerError::Short(bytes.len());
         let (len, rest) = bytes.split_first_chunk::<N_LEN>().ok_or_else(short)?;
         let len = u64::from_le_bytes(*len);
         if len > MAX_HEADER as u64 {
-            return Err(format!("its header is said to have {len} bytes, and at most {MAX_HEADER} are read"));
+            return Err(ContainerError::LongHeader(len));
         }
-        let cut = || format!("it is cut short: its header has {len} bytes, and {} are there", rest.len());
+        let cut = || ContainerError::Cut { len, n_there: rest.len() };
         let (header, data) = rest.split_at_checked(len as usize).ok_or_else(cut)?;
-        let Header { metadata, entries } =
-            serde_json::from_slice(header).map_err(|e| format!("its header cannot be read: {e}"))?;
+        let Header { metadata, entries } = serde_json::from_slice(header).map_err(ContainerError::Header)?;
         check_places(&entries, data.len())?;
         Ok(Self { metadata, entries, data })
     }
@@ -107,42 +174,39 @@ fn of_half(bits: u16) -> f32 {
 }
 
 /// What `bytes` seem to be, where that is a thing that is often taken for such a file.
-fn stranger(bytes: &[u8]) -> Option<&'static str> {
+fn stranger(bytes: &[u8]) -> Option<ContainerError> {
     match bytes {
-        [] => Some("the file is empty"),
-        _ if bytes.starts_with(b"version https://git-lfs") => {
-            Some("it is a pointer of Git LFS and not the file itself, which `git lfs pull` fetches")
-        }
-        _ if bytes.starts_with(b"PK\x03\x04") => {
-            Some("it is a zip, as PyTorch's own files are; they have to be saved as safetensors")
-        }
+        [] => Some(ContainerError::Empty),
+        _ if bytes.starts_with(b"version https://git-lfs") => Some(ContainerError::LfsPointer),
+        _ if bytes.starts_with(b"PK\x03\x04") => Some(ContainerError::Zip),
         _ => None,
     }
 }
 
 /// Whether the tensors lie side by side and fill `n` bytes, each as its type and shape want.
-fn check_places(entries: &[Entry], n: usize) -> Result<(), String> {
+fn check_places(entries: &[Entry], n_there: usize) -> Result<(), ContainerError> {
     let mut in_place: Vec<_> = entries.iter().collect();
     in_place.sort_by_key(|entry| (entry.place.start, entry.place.end));
     let mut end = 0;
     for Entry { name, dtype, shape, place } in in_place {
         if shape.len() > MAX_AXES {
-            return Err(format!("{name:?} has {} axes, and at most {MAX_AXES} are read", shape.len()));
+            return Err(ContainerError::Axes { name: name.clone(), n_axes: shape.len() });
         }
         if place.start != end || place.end < place.start {
-            return Err(format!("{name:?} does not begin where the tensor before it ends"));
+            return Err(ContainerError::Apart(name.clone()));
         }
         let n = shape.iter().try_fold(1_usize, |n, &size| n.checked_mul(size.max(1)));
         if n.is_none_or(|n| n > MAX_NUMBERS) {
-            return Err(format!("{name:?} has the shape {shape:?}, which is none of a tensor"));
+            return Err(ContainerError::Shape { name: name.clone(), shape: shape.clone() });
         }
         let bits = shape.iter().try_fold(dtype.bitsize(), |bits, &size| bits.checked_mul(size));
         if bits != place.len().checked_mul(8) {
-            return Err(format!("{name:?} of the shape {shape:?} does not have {} bytes", place.len()));
+            let (name, shape) = (name.clone(), shape.clone());
+            return Err(ContainerError::Bytes { name, shape, n_bytes: place.len() });
         }
         end = place.end;
     }
-    if end == n { Ok(()) } else { Err(format!("its tensors have {end} bytes, and {n} are there")) }
+    if end == n_there { Ok(()) } else { Err(ContainerError::Rest { end, n_there }) }
 }
 
 /// The header as it is written.
@@ -319,7 +383,7 @@ mod tests {
 
     #[test]
     fn what_is_often_taken_for_such_a_file_is_named() {
-        let said = |bytes: &[u8]| Container::read(bytes).unwrap_err();
+        let said = |bytes: &[u8]| Container::read(bytes).unwrap_err().to_string();
         assert!(said(b"").contains("empty"));
         assert!(said(b"version https://git-lfs.github.com/spec/v1\noid").contains("git lfs pull"));
         assert!(said(b"PK\x03\x04\0\0\0\0\0\0").contains("zip"));
@@ -342,13 +406,16 @@ mod tests {
         let header = format!("{{{}}}", fields.join(","));
         let mut bytes = (header.len() as u64).to_le_bytes().to_vec();
         bytes.extend(header.into_bytes());
-        assert!(Container::read(&bytes).unwrap_err().contains("none of a tensor"));
+        assert!(Container::read(&bytes).unwrap_err().to_string().contains("none of a tensor"));
         let part = Part { name: "a".to_owned(), dtype: Dtype::F32, shape: vec![0, 1 << 62], bytes: vec![] };
         let bytes = write(None, &[part]);
-        assert!(Container::read(&bytes).unwrap_err().contains("none of a tensor"), "empty, and of no size");
+        assert!(
+            Container::read(&bytes).unwrap_err().to_string().contains("none of a tensor"),
+            "empty, and of no size"
+        );
         let twice = br#"{"a":{"dtype":"U8","shape":[0],"data_offsets":[0,0]},"a":{"dtype":"U8","shape":[0],"data_offsets":[0,0]}}"#;
         let bytes = [&(twice.len() as u64).to_le_bytes()[..], twice].concat();
-        assert!(Container::read(&bytes).unwrap_err().contains("twice"));
+        assert!(Container::read(&bytes).unwrap_err().to_string().contains("twice"));
     }
 
     proptest! {

@@ -8,7 +8,7 @@ use serde::de::DeserializeOwned;
 use sha2::{Digest as _, Sha256};
 use tch::{Kind, Tensor, nn};
 
-use crate::tensor::container::{self, Container, Dtype, Part};
+use crate::tensor::container::{self, Container, ContainerError, Dtype, Part};
 use crate::tensor::{from_slice, to_vec};
 
 /// In which order the axes of stored networks stand: PyTorch's own.
@@ -33,7 +33,10 @@ pub fn sha256(bytes: &[u8]) -> String {
 pub enum ParametersError {
     /// The bytes are not a safetensors file.
     #[error("these are not readable network parameters ({0}); fetch or train them again")]
-    Damaged(String),
+    Damaged(ContainerError),
+    /// The description in the header cannot be understood.
+    #[error("these are not readable network parameters ({0}); fetch or train them again")]
+    Description(DescriptionError),
     /// A tensor is absent.
     #[error("the parameter {0:?} is missing: they belong to another network")]
     Missing(String),
@@ -69,6 +72,20 @@ pub enum ParametersError {
         /// The type.
         dtype: Dtype,
     },
+}
+
+/// Why the description in a header cannot be understood.
+#[derive(Debug, thiserror::Error)]
+pub enum DescriptionError {
+    /// There is none.
+    #[error("it has none")]
+    Missing,
+    /// It is not JSON, or tells something else.
+    #[error(transparent)]
+    Json(serde_json::Error),
+    /// The tensors are in a layout that is not known here.
+    #[error("its layout is {0}, and this program reads up to {LAYOUT}")]
+    Layout(serde_json::Value),
 }
 
 /// Where a number that was computed is infinite or none, at its first appearance.
@@ -178,7 +195,7 @@ fn in_layout_1(description: &str) -> Option<String> {
 }
 
 /// The layout that a description tells; without one it is the first.
-pub fn layout_of(description: Option<&str>) -> Result<u32, String> {
+pub fn layout_of(description: Option<&str>) -> Result<u32, DescriptionError> {
     match description {
         Some(description) => describes::<serde_json::Value>(Some(description)).map(|(layout, _)| layout),
         None => Ok(1),
@@ -186,17 +203,17 @@ pub fn layout_of(description: Option<&str>) -> Result<u32, String> {
 }
 
 /// The layout and what else a description tells, or why it cannot be understood.
-pub fn describes<T: DeserializeOwned>(description: Option<&str>) -> Result<(u32, T), String> {
-    let description = description.ok_or("it has none")?;
-    let mut value: serde_json::Value = serde_json::from_str(description).map_err(|e| e.to_string())?;
+pub fn describes<T: DeserializeOwned>(description: Option<&str>) -> Result<(u32, T), DescriptionError> {
+    let description = description.ok_or(DescriptionError::Missing)?;
+    let mut value: serde_json::Value = serde_json::from_str(description).map_err(DescriptionError::Json)?;
     let layout = match value.as_object_mut().and_then(|fields| fields.remove("layout")) {
         None => 1,
         Some(layout) => match layout.as_u64().and_then(|layout| u32::try_from(layout).ok()) {
             Some(known @ 1..=LAYOUT) => known,
-            _ => return Err(format!("its layout is {layout}, and this program reads up to {LAYOUT}")),
+            _ => return Err(DescriptionError::Layout(layout)),
         },
     };
-    Ok((layout, serde_json::from_value(value).map_err(|e| e.to_string())?))
+    Ok((layout, serde_json::from_value(value).map_err(DescriptionError::Json)?))
 }
 
 /// The parameters of networks as safetensors bytes: what crosses a channel and what lies in a file.
@@ -567,9 +584,9 @@ mod tests {
     #[test]
     fn a_layout_that_is_not_known_is_refused() {
         let read = |text: &str| describes::<std::collections::BTreeMap<String, i64>>(Some(text));
-        assert_eq!(read("{\"k\":1}").map(|(layout, _)| layout), Ok(1));
-        assert_eq!(read("{\"layout\":2,\"k\":1}").map(|(layout, all)| (layout, all.len())), Ok((2, 1)));
-        assert!(read("{\"layout\":3}").unwrap_err().contains("up to 2"));
+        assert_eq!(read("{\"k\":1}").unwrap().0, 1);
+        assert_eq!(read("{\"layout\":2,\"k\":1}").map(|(layout, all)| (layout, all.len())).unwrap(), (2, 1));
+        assert!(read("{\"layout\":3}").unwrap_err().to_string().contains("up to 2"));
         assert!(read("{\"layout\":-1}").is_err() && read("7").is_err());
     }
 }

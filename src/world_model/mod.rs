@@ -18,8 +18,8 @@ use tch::{Device, Kind, Tensor, nn};
 use crate::env::{Action, Frame};
 use crate::tensor::limits::{MAX_EPISODE, OutOfRange, named};
 use crate::tensor::{
-    NotFinite, Parameters, ParametersError, Slot, described, describes, from_frames, from_slice, is_finite,
-    to_frames, to_vec,
+    DescriptionError, NotFinite, Parameters, ParametersError, Slot, described, describes, from_frames,
+    from_slice, is_finite, to_frames, to_vec,
 };
 
 use fused_rollout::FusedRollout;
@@ -222,7 +222,7 @@ pub enum WorldModelError {
     Parameters(ParametersError),
     /// The header does not describe networks.
     #[error("cannot load the world model: its header does not describe one ({0})")]
-    Header(String),
+    Header(DescriptionError),
     /// The header describes networks that cannot be.
     #[error("cannot load the world model: {0}")]
     Config(OutOfRange),

@@ -173,7 +173,7 @@ impl<'a> TrainLoop<'a> {
             }
         }
         if let Some(best) = run.load(&self.file("best"))? {
-            let layout = layout_of(best.metadata(STATE).as_deref()).map_err(ParametersError::Damaged)?;
+            let layout = layout_of(best.metadata(STATE).as_deref()).map_err(ParametersError::Description)?;
             best.fill("net", &self.slots, layout, &self.store)?;
         }
         Ok(self.store)
