@@ -3,6 +3,7 @@
 use std::io;
 use std::path::{Path, PathBuf};
 
+use super::damage::{Damage, Stranger, Unfit, Useless};
 use crate::run::AppendError;
 use crate::run::place::Told;
 
@@ -51,7 +52,7 @@ pub enum DatasetError {
     #[error("this file cannot be among the episodes: it is {reason}; move it out of the dataset: {path:?}")]
     NotOurs {
         /// What it is instead.
-        reason: String,
+        reason: Stranger,
         /// The file.
         path: PathBuf,
     },
@@ -76,7 +77,7 @@ pub enum DatasetError {
     )]
     Damaged {
         /// What is wrong with it.
-        reason: String,
+        reason: Damage,
         /// The file.
         path: PathBuf,
     },
@@ -84,7 +85,7 @@ pub enum DatasetError {
     #[error("a file of the dataset is of no use ({reason}) and was moved aside, to {to:?}: {path:?}")]
     SetAside {
         /// What is wrong with it.
-        reason: String,
+        reason: Useless,
         /// Where it was.
         path: PathBuf,
         /// Where it is.
@@ -130,7 +131,7 @@ pub enum DatasetError {
     #[error("this cannot be recorded: {reason}, at {path:?}")]
     Unfit {
         /// Why.
-        reason: String,
+        reason: Unfit,
         /// The dataset or journal.
         path: PathBuf,
     },
@@ -188,16 +189,8 @@ impl DatasetError {
         }
     }
 
-    /// The same once more, where it is told of a file that cannot be among the episodes.
-    pub(super) fn again(&self) -> Self {
-        match self {
-            Self::NotOurs { reason, path } => Self::NotOurs { reason: reason.clone(), path: path.clone() },
-            other => Self::NotOurs { reason: other.to_string(), path: PathBuf::new() },
-        }
-    }
-
     /// An error about a damaged episode file.
-    pub(super) fn damaged(reason: impl Into<String>, path: &Path) -> Self {
+    pub(super) fn damaged(reason: impl Into<Damage>, path: &Path) -> Self {
         Self::Damaged { reason: reason.into(), path: path.to_path_buf() }
     }
 }

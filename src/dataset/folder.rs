@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 
 use sha2::{Digest as _, Sha256};
 
+use super::damage::Useless;
 use super::found::Found;
 use super::hex::to_hex;
 use super::journal::{self, Recording, Take};
@@ -63,7 +64,7 @@ impl Dataset {
         }
         dataset.lock = Some(lock);
         for (reason, path) in found.torn {
-            dataset.set_aside(reason, &path)?;
+            dataset.set_aside(Useless::Damage(reason), &path)?;
         }
         for folder in ["data", "meta", "journal"] {
             disk::remove_partials(&dir.join(folder))?;
@@ -71,7 +72,7 @@ impl Dataset {
         dataset.forget_twins()?;
         dataset.put_in_order()?;
         for path in meta::strays(dir)? {
-            dataset.set_aside("it says what other programs would take for an index".to_owned(), &path)?;
+            dataset.set_aside(Useless::Index, &path)?;
         }
         meta::write(dir, &dataset.episodes)?;
         dataset.find_unfinished(&journals)?;
@@ -122,7 +123,7 @@ impl Dataset {
     }
 
     /// Moves a file out of the dataset, to where it is in nobody's way, and remembers to tell of it.
-    pub(super) fn set_aside(&mut self, reason: String, path: &Path) -> Result<(), DatasetError> {
+    pub(super) fn set_aside(&mut self, reason: Useless, path: &Path) -> Result<(), DatasetError> {
         let to = disk::set_aside(&self.dir, path)?;
         let error = DatasetError::SetAside { reason, path: path.to_path_buf(), to };
         log::warn!("{error}");
@@ -316,8 +317,7 @@ impl Dataset {
             let take = match journal::read(&path) {
                 Ok(take) => take,
                 Err(DatasetError::DamagedJournal { path }) => {
-                    let reason = "a journal of an unfinished episode whose beginning is damaged";
-                    self.set_aside(reason.to_owned(), &path)?;
+                    self.set_aside(Useless::Journal, &path)?;
                     continue;
                 }
                 Err(error) => return Err(error),
@@ -344,8 +344,8 @@ impl Dataset {
 
 /// What episodes of `env` can join, in a folder of ours or an empty one.
 fn found_to_go_on_with(dir: &Path, env: &str) -> Result<Found, DatasetError> {
-    let found = Found::read(dir)?;
-    ownership::require(dir, &found)?;
+    let mut found = Found::read(dir)?;
+    ownership::require(dir, &mut found)?;
     found.require_alike()?;
     match found.episodes.first() {
         Some(first) if first.info.env != env => {

@@ -2,6 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
+use super::damage::Damage;
 use super::notes::Notes;
 use super::{DatasetError, disk, sealed};
 
@@ -10,7 +11,7 @@ pub(super) struct Found {
     /// Ours, in the order of their files.
     pub(super) episodes: Vec<Notes>,
     /// Torn files, why, and where.
-    pub(super) torn: Vec<(String, PathBuf)>,
+    pub(super) torn: Vec<(Damage, PathBuf)>,
     /// Whole files that are none of ours.
     pub(super) others: Vec<DatasetError>,
 }

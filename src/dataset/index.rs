@@ -16,6 +16,7 @@ use std::collections::HashMap;
 use std::fs;
 use std::path::{Path, PathBuf};
 
+use super::damage::{Stranger, Useless};
 use super::notes::Notes;
 use super::sealed::{self, Place};
 use super::{Dataset, DatasetError, EpisodeInfo, disk, meta};
@@ -146,7 +147,7 @@ impl Dataset {
                     }
                     Err(DatasetError::Damaged { reason, path }) if path == old => {
                         self.episodes.remove(place.number);
-                        self.set_aside(reason, &path)?;
+                        self.set_aside(Useless::Damage(reason), &path)?;
                         continue;
                     }
                     Err(error) => return Err(error),
@@ -179,12 +180,15 @@ impl Dataset {
         let twins: Vec<Notes> = self.episodes.extract_if(.., is_twin).collect();
         for twin in twins {
             let first = &first_of[&twin.recording];
-            let reason = format!("the same episode as {:?}", first.strip_prefix(&self.dir).unwrap_or(first));
+            let first = first.strip_prefix(&self.dir).unwrap_or(first).to_owned();
             match (&self.lock, Self::is_torn(&self.dir)) {
                 (Some(_), true) => remove(&twin.path)?,
-                (Some(_), false) => self.set_aside(reason, &twin.path)?,
+                (Some(_), false) => self.set_aside(Useless::Twin(first), &twin.path)?,
                 (None, true) => {}
-                (None, false) => self.damaged.push(DatasetError::NotOurs { reason, path: twin.path }),
+                (None, false) => {
+                    let reason = Stranger::Twin(first);
+                    self.damaged.push(DatasetError::NotOurs { reason, path: twin.path });
+                }
             }
         }
         Ok(())

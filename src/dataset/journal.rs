@@ -23,6 +23,7 @@ use std::time::{Duration, Instant, SystemTime};
 use serde::{Deserialize, Serialize};
 use sha2::{Digest as _, Sha256};
 
+use super::damage::Unfit;
 use super::disk::JOURNAL_EXTENSION;
 use super::{DatasetError, EpisodeInfo, StepRecord, disk, limits, png};
 use crate::env::{Action, Contacts, End, Frame, MAX_STEPS};
@@ -105,7 +106,7 @@ impl Recording {
         side: Option<u32>,
     ) -> Result<Self, DatasetError> {
         let odd = limits::check_info(&info).and(limits::check_sensors(&state));
-        odd.map_err(|reason| DatasetError::Unfit { reason, path: dir.to_path_buf() })?;
+        odd.map_err(|met| DatasetError::Unfit { reason: Unfit::Limits(met), path: dir.to_path_buf() })?;
         let (id, path) = new_journal(&dir.join("journal"));
         let head = Head { app: env!("CARGO_PKG_VERSION").into(), info: info.clone(), state: state.clone() };
         let payload = [b"I".as_slice(), &serde_json::to_vec(&head).expect("text and numbers")].concat();
@@ -131,15 +132,14 @@ impl Recording {
         let numbers = [step.action.steer, step.action.gas, step.action.brake, step.reward];
         let unfit = |reason| DatasetError::Unfit { reason, path: self.path().to_owned() };
         if !numbers.iter().chain(&step.state).all(|number| number.is_finite()) {
-            let state = &step.state;
-            return Err(unfit(format!("action and reward {numbers:?} or state {state:?} are not finite")));
+            return Err(unfit(Unfit::NotFinite { numbers, state: step.state.clone() }));
         }
         if step.state.len() != self.take.state.len() {
-            let (met, wanted) = (step.state.len(), self.take.state.len());
-            return Err(unfit(format!("{met} measurements of {wanted} sensors")));
+            let (found, wanted) = (step.state.len(), self.take.state.len());
+            return Err(unfit(Unfit::Measurements { found, wanted }));
         }
         if self.n_steps() >= limits::STEPS {
-            return Err(unfit(format!("an episode has at most {} steps", limits::STEPS)));
+            return Err(unfit(Unfit::Steps(limits::STEPS)));
         }
         self.check_side(&step.frame)?;
         let row = Row {
@@ -212,7 +212,7 @@ impl Recording {
     fn check_side(&self, frame: &Frame) -> Result<(), DatasetError> {
         match self.side {
             None if !(1..=limits::SIDE).contains(&frame.side()) => {
-                let reason = format!("a frame of {} pixels a side is too large", frame.side());
+                let reason = Unfit::Side(frame.side());
                 Err(DatasetError::Unfit { reason, path: self.path().to_owned() })
             }
             Some(met) if met != frame.side() => {

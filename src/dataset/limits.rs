@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 
 use super::EpisodeInfo;
+use super::damage::OutOfLimits;
 use super::notes::{ACTION, IMAGE, Notes, STATE};
 use super::stats::Stats;
 use crate::env::Action;
@@ -28,66 +29,66 @@ pub(super) fn page_bytes(n_values: usize) -> usize {
 }
 
 /// Why these cannot be the notes of an episode of `n_rows` steps.
-pub(super) fn check_notes(notes: &Notes, n_rows: i64) -> Result<(), String> {
+pub(super) fn check_notes(notes: &Notes, n_rows: i64) -> Result<(), OutOfLimits> {
     check_info(&notes.info)?;
     check_sensors(&notes.state)?;
     let Notes { n_steps, side, .. } = *notes;
     if !(1..=STEPS).contains(&n_steps) || i64::try_from(n_steps) != Ok(n_rows) {
-        return Err(format!("it says it has {n_steps} steps, and has {n_rows} rows"));
+        return Err(OutOfLimits::Steps { n_steps, n_rows });
     }
     if !(1..=SIDE).contains(&side) {
-        return Err(format!("it says its frames have {side} pixels a side"));
+        return Err(OutOfLimits::Side(side));
     }
     let frame_bytes = 3 * (side as usize).pow(2);
     if frame_bytes.saturating_mul(n_steps + 1) > FRAMES_BYTES {
-        return Err(format!("{n_steps} frames of {side} pixels a side are too much for an episode"));
+        return Err(OutOfLimits::Frames { n_steps, side });
     }
     // A part of the name of a file.
     let is_name = |byte: u8| byte.is_ascii_alphanumeric() || b"-_".contains(&byte);
     if !(1..=64).contains(&notes.recording.len()) || !notes.recording.bytes().all(is_name) {
-        return Err(format!("it says it was recorded as {:?}", notes.recording));
+        return Err(OutOfLimits::Recording(notes.recording.clone()));
     }
     let mut driven = 0;
     for &[from, to] in &notes.planned {
         if from < driven || to <= from || to > n_steps {
-            return Err(format!("it says the planner drove the steps {from} to {to} of {n_steps}"));
+            return Err(OutOfLimits::Planned { from, to, n_steps });
         }
         driven = to;
     }
     if notes.truncated && !notes.done {
-        return Err("it says it ended by its time limit, and that it did not end".to_owned());
+        return Err(OutOfLimits::End);
     }
     check_stats(notes)
 }
 
 /// Why this cannot be who drove where.
-pub(super) fn check_info(info: &EpisodeInfo) -> Result<(), String> {
+pub(super) fn check_info(info: &EpisodeInfo) -> Result<(), OutOfLimits> {
     for (what, name) in [("environment", &info.env), ("driver", &info.pilot)] {
         if name.len() > NAME_BYTES || name.chars().any(char::is_control) {
-            return Err(format!("the name of its {what} has {} bytes or odd signs", name.len()));
+            return Err(OutOfLimits::Name { what, n_bytes: name.len() });
         }
     }
     Ok(())
 }
 
 /// Why these cannot be the names of a car's sensors.
-pub(super) fn check_sensors(names: &[String]) -> Result<(), String> {
+pub(super) fn check_sensors(names: &[String]) -> Result<(), OutOfLimits> {
     let is_odd = |name: &String| name.is_empty() || name.len() > NAME_BYTES;
     if names.len() > SENSORS || names.iter().any(is_odd) {
-        return Err(format!("it names {} sensors, or one that is no name", names.len()));
+        return Err(OutOfLimits::Sensors(names.len()));
     }
     Ok(())
 }
 
 /// Each column has its statistics, and no other has.
-fn check_stats(notes: &Notes) -> Result<(), String> {
+fn check_stats(notes: &Notes) -> Result<(), OutOfLimits> {
     let columns = notes.columns().names();
     if let Some(missing) = columns.iter().find(|name| !notes.stats.contains_key(**name)) {
-        return Err(format!("its footer lacks the statistics of {missing:?}"));
+        return Err(OutOfLimits::NoStatistics(missing));
     }
     let is_known = |name: &String| columns.contains(&name.as_str());
     if let Some(other) = notes.stats.keys().find(|name| !is_known(name)) {
-        return Err(format!("its footer has statistics of {other:?}, which is no column"));
+        return Err(OutOfLimits::OtherStatistics(other.clone()));
     }
     let odd = |stats: &BTreeMap<String, Stats>| {
         let is_odd = |(name, stats): &(&String, &Stats)| {
@@ -102,7 +103,7 @@ fn check_stats(notes: &Notes) -> Result<(), String> {
         stats.iter().find(is_odd).map(|(name, _)| name.clone())
     };
     match odd(&notes.stats) {
-        Some(name) => Err(format!("its footer has no sane statistics of {name:?}")),
+        Some(name) => Err(OutOfLimits::OddStatistics(name)),
         None => Ok(()),
     }
 }

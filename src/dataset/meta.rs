@@ -19,7 +19,7 @@ pub(super) fn write(dir: &Path, episodes: &[Notes]) -> std::result::Result<(), D
     let meta = dir.join("meta");
     let table = |name: &str, bytes: Result<Vec<u8>>| {
         let path = meta.join(name);
-        let bytes = bytes.map_err(|error| DatasetError::damaged(error.to_string(), &path))?;
+        let bytes = bytes.map_err(|error| DatasetError::damaged(error, &path))?;
         disk::replace_if_other(&path, &bytes)
     };
     table("tasks.parquet", tasks(&task(first)))?;

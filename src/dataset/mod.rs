@@ -23,6 +23,7 @@
 //! The files of `data` say all there is to say; `meta` is derived from them and made to agree whenever the dataset is opened
 //! for recording. A folder that is neither ours nor empty is not written to.
 
+mod damage;
 mod disk;
 mod error;
 mod folder;
@@ -47,6 +48,7 @@ use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 
+pub use damage::{Damage, FrameError, OutOfLimits, Stranger, TableError, Unfit, Useless};
 pub use error::DatasetError;
 pub use folder::Dataset;
 pub use index::Summary;

@@ -5,6 +5,7 @@ use std::path::Path;
 
 use serde_json::Value;
 
+use super::damage::Unfit;
 use super::found::Found;
 use super::{DatasetError, disk, index, journal, sealed};
 
@@ -27,10 +28,9 @@ enum Info {
 }
 
 /// Refuses a folder that is neither ours nor empty, where `found` is what lies among its episodes.
-pub(super) fn require(dir: &Path, found: &Found) -> Result<(), DatasetError> {
+pub(super) fn require(dir: &Path, found: &mut Found) -> Result<(), DatasetError> {
     if dir.as_os_str().is_empty() {
-        let reason = "no folder is named".to_owned();
-        return Err(DatasetError::Unfit { reason, path: dir.to_path_buf() });
+        return Err(DatasetError::Unfit { reason: Unfit::NoFolder, path: dir.to_path_buf() });
     }
     let entries = entries(dir)?;
     if entries.is_empty() {
@@ -53,7 +53,7 @@ pub(super) fn require(dir: &Path, found: &Found) -> Result<(), DatasetError> {
         Some(DatasetError::NotOurs { reason, path }) if !is_ours => {
             foreign(format!("{} is {reason}", relative(dir, path)))
         }
-        Some(other) => Err(other.again()),
+        Some(_) => Err(found.others.swap_remove(0)),
         None if is_ours => Ok(()),
         None => foreign(format!("it holds {} and no recording", named(&entries))),
     }

@@ -5,6 +5,7 @@ use std::io::Cursor;
 use image::codecs::png::{CompressionType, FilterType, PngDecoder, PngEncoder};
 use image::{ColorType, ExtendedColorType, ImageDecoder as _, ImageEncoder as _};
 
+use super::damage::FrameError;
 use super::limits;
 use crate::env::Frame;
 
@@ -18,28 +19,28 @@ pub(super) fn encode(frame: &Frame) -> Vec<u8> {
 }
 
 /// Pixels a side of the square that a PNG file says it shows, which is of a sane size.
-pub(super) fn side(png: &[u8]) -> Result<u32, &'static str> {
+pub(super) fn side(png: &[u8]) -> Result<u32, FrameError> {
     // The signature, then the first chunk: length, "IHDR", width, height.
     let size = png.get(16..24).filter(|_| png.starts_with(b"\x89PNG\r\n\x1a\n") && &png[12..16] == b"IHDR");
-    let (size, _) = size.ok_or("a frame is no PNG")?.as_chunks();
+    let (size, _) = size.ok_or(FrameError::NotPng)?.as_chunks();
     let [width, height] = [size[0], size[1]].map(u32::from_be_bytes);
     let is_sane = width == height && (1..=limits::SIDE).contains(&width);
-    if is_sane { Ok(width) } else { Err("a frame is not square, or too large") }
+    if is_sane { Ok(width) } else { Err(FrameError::NotSquare) }
 }
 
 /// The frame of `side` pixels a side that a PNG file shows, or why there is none.
-pub(super) fn decode(png: &[u8], side: u32) -> Result<Frame, String> {
+pub(super) fn decode(png: &[u8], side: u32) -> Result<Frame, FrameError> {
     // Before anything is allocated.
-    let met = self::side(png)?;
-    if met != side {
-        return Err(format!("a frame has {met} pixels a side, not {side}"));
+    let found = self::side(png)?;
+    if found != side {
+        return Err(FrameError::Side { found, wanted: side });
     }
-    let decoder = PngDecoder::new(Cursor::new(png)).map_err(|error| error.to_string())?;
+    let decoder = PngDecoder::new(Cursor::new(png)).map_err(FrameError::Image)?;
     if decoder.color_type() != ColorType::Rgb8 || decoder.dimensions() != (side, side) {
-        return Err(format!("a frame of {:?} is not RGB", decoder.color_type()));
+        return Err(FrameError::NotRgb(decoder.color_type()));
     }
     let mut rgb = vec![0; 3 * side as usize * side as usize];
-    decoder.read_image(&mut rgb).map_err(|error| error.to_string())?;
+    decoder.read_image(&mut rgb).map_err(FrameError::Image)?;
     Ok(Frame::new(side, rgb))
 }
 
@@ -51,7 +52,7 @@ mod tests {
     fn a_frame_comes_back_bit_by_bit() {
         let rgb: Vec<u8> = (0..3 * 9 * 9).map(|byte| (byte * 37 % 251) as u8).collect();
         let frame = Frame::new(9, rgb);
-        assert_eq!(decode(&encode(&frame), 9), Ok(frame));
+        assert_eq!(decode(&encode(&frame), 9).unwrap(), frame);
     }
 
     #[test]

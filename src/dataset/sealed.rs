@@ -10,11 +10,12 @@ use std::path::Path;
 use parquet::data_type::{BoolType, ByteArray, ByteArrayType, FloatType, Int64Type};
 use serde::Deserialize;
 
+use super::damage::{Damage, Stranger, TableError};
 use super::hex::{from_hex, to_hex};
 use super::journal::{Row, Take, TakeEnd};
 use super::notes::{ACTION, CAR, CHUCKHOLE, Columns, FORMAT, IMAGE, Notes, STATE, TERMINATED, TRUNCATED};
 use super::stats::Stats;
-use super::table::{Column, Fault, Footer, Table, to_parquet};
+use super::table::{Column, Footer, Table, to_parquet};
 use super::{DatasetError, Episode, disk, limits, png};
 use crate::env::{Action, Contacts, Frame, MAX_STEPS, STEPS_PER_SEC};
 
@@ -102,7 +103,7 @@ fn write_as(
 ) -> Result<Notes, DatasetError> {
     let Place { number, first_index } = place;
     let path = disk::episode_path(dir, number);
-    let damaged = |reason: String| DatasetError::damaged(reason, &path);
+    let damaged = |reason: Damage| DatasetError::damaged(reason, &path);
     let side = side(take).map_err(damaged)?;
     let mut cells = cells(take, place, columns);
     let ends = take.end.as_ref();
@@ -123,14 +124,14 @@ fn write_as(
         path: path.clone(),
     };
     // What is written can be read.
-    limits::check_notes(&notes, take.rows.len() as i64).map_err(damaged)?;
+    limits::check_notes(&notes, take.rows.len() as i64).map_err(|met| damaged(met.into()))?;
     let images = take.rows.iter().map(|row| ByteArray::from(row.png.clone())).collect();
     cells.insert(0, (IMAGE.into(), Column::Images(images)));
     let mut footer = vec![(NOTES.into(), serde_json::to_string(&notes).expect("text and finite numbers"))];
     if let Some(end) = &take.end {
         footer.push((LAST_FRAME.into(), to_hex(&end.png)));
     }
-    let bytes = to_parquet(cells, footer).map_err(|error| damaged(error.to_string()))?;
+    let bytes = to_parquet(cells, footer).map_err(|met| damaged(met.into()))?;
     disk::replace(&path, &bytes)?;
     Ok(notes)
 }
@@ -142,11 +143,11 @@ fn columns_of(take: &Take) -> Columns {
 }
 
 /// Pixels a side of all frames of a take.
-fn side(take: &Take) -> Result<u32, String> {
+fn side(take: &Take) -> Result<u32, Damage> {
     let mut pngs = take.rows.iter().map(|row| &row.png).chain(take.end.iter().map(|end| &end.png));
-    let side = pngs.next().ok_or("it has no step").and_then(|png| png::side(png))?;
-    match pngs.find(|png| png::side(png) != Ok(side)) {
-        Some(_) => Err("its frames are of different sizes".to_owned()),
+    let side = png::side(pngs.next().ok_or(Damage::NoStep)?)?;
+    match pngs.find(|png| !png::side(png).is_ok_and(|other| other == side)) {
+        Some(_) => Err(Damage::Sides),
         None => Ok(side),
     }
 }
@@ -208,7 +209,7 @@ fn statistics(
     columns: &[(String, Column)],
     rows: &[Row],
     side: u32,
-) -> Result<BTreeMap<String, Stats>, String> {
+) -> Result<BTreeMap<String, Stats>, Damage> {
     let mut stats = BTreeMap::new();
     for (name, column) in columns {
         let (width, values): (usize, Vec<f64>) = match column {
@@ -234,7 +235,7 @@ fn statistics(
 
 /// Reads what the footer of an episode file says.
 pub(super) fn open(path: &Path) -> Result<Notes, DatasetError> {
-    let footer = File::open(path).map_err(Fault::Disk).and_then(|mut file| Footer::read(&mut file));
+    let footer = File::open(path).map_err(TableError::Disk).and_then(|mut file| Footer::read(&mut file));
     let footer = footer.map_err(|fault| faulty(fault, path))?;
     signed_notes(&footer, path)
 }
@@ -247,7 +248,7 @@ pub(super) fn read(path: &Path) -> Result<(Notes, Take), DatasetError> {
         Err(met) => return Err(failed(met)),
     };
     if n_bytes > limits::FILE_BYTES {
-        return Err(DatasetError::damaged(format!("it has {n_bytes} bytes"), path));
+        return Err(DatasetError::damaged(Damage::Bytes(n_bytes), path));
     }
     parse(fs::read(path).map_err(failed)?, path)
 }
@@ -267,15 +268,15 @@ fn signed_notes(footer: &Footer, path: &Path) -> Result<Notes, DatasetError> {
     let notes = notes(footer, path);
     let notes = notes.map_err(|reason| DatasetError::NotOurs { reason, path: path.to_path_buf() })?;
     if notes.format >= 2 && !footer.is_signed() {
-        return Err(DatasetError::damaged("its footer has lost its checksum", path));
+        return Err(DatasetError::damaged(Damage::Unsigned, path));
     }
     Ok(notes)
 }
 
-fn faulty(fault: Fault, path: &Path) -> DatasetError {
-    match fault {
-        Fault::Disk(met) => DatasetError::disk("read the episode", path)(met),
-        Fault::Torn(reason) => DatasetError::damaged(reason, path),
+fn faulty(met: TableError, path: &Path) -> DatasetError {
+    match met {
+        TableError::Disk(met) => DatasetError::disk("read the episode", path)(met),
+        met => DatasetError::damaged(Damage::Table(met), path),
     }
 }
 
@@ -286,30 +287,22 @@ struct Format {
 }
 
 /// The notes in a footer, all within their limits, or what the file is instead of an episode of ours.
-fn notes(footer: &Footer, path: &Path) -> Result<Notes, String> {
-    let by = footer.created_by();
+fn notes(footer: &Footer, path: &Path) -> Result<Notes, Stranger> {
+    let by = || footer.created_by().to_owned();
     let Some(json) = footer.note(NOTES) else {
         // LeRobot's tools write the columns anew, and leave the notes out.
         let was_ours = ["wall_time_ns", "next.grass"].into_iter().any(|name| footer.has_column(name));
-        return Err(if was_ours {
-            format!(
-                "recorded by dropj, but rewritten by {by}, which left out who drove, how it ended and the last frame"
-            )
-        } else {
-            format!("not recorded by dropj, but written by {by}")
-        });
+        return Err(if was_ours { Stranger::WithoutNotes(by()) } else { Stranger::Foreign(by()) });
     };
     if !footer.is_ours() {
-        return Err(format!("recorded by dropj, but rewritten by {by}"));
+        return Err(Stranger::Rewritten(by()));
     }
-    let odd = |met: String| format!("one that cannot be understood: {met}");
-    let parse = |met: serde_json::Error| odd(met.to_string());
-    let Format { format } = serde_json::from_str(json).map_err(parse)?;
+    let Format { format } = serde_json::from_str(json).map_err(Stranger::Json)?;
     if !(1..=FORMAT).contains(&format) {
-        return Err(format!("of format {format}, and this version knows those up to {FORMAT}"));
+        return Err(Stranger::Format { found: format, known: FORMAT });
     }
-    let mut notes: Notes = serde_json::from_str(json).map_err(parse)?;
-    limits::check_notes(&notes, footer.n_rows()).map_err(odd)?;
+    let mut notes: Notes = serde_json::from_str(json).map_err(Stranger::Json)?;
+    limits::check_notes(&notes, footer.n_rows()).map_err(Stranger::Limits)?;
     // Before format 2 nobody said so.
     notes.truncated |= format < 2 && notes.done && notes.n_steps >= MAX_STEPS;
     notes.path = path.to_path_buf();
@@ -340,27 +333,26 @@ pub(super) fn episode((notes, take): (Notes, Take)) -> Result<Episode, DatasetEr
 }
 
 /// The steps in a table, all numbers finite.
-fn take(table: &Table, notes: &Notes) -> Result<Take, String> {
-    let met = |error: parquet::errors::ParquetError| error.to_string();
+fn take(table: &Table, notes: &Notes) -> Result<Take, Damage> {
     let n = notes.n_steps;
-    let pngs = table.read::<ByteArrayType>(&[IMAGE, "bytes"], 1).map_err(met)?;
-    let actions = table.read::<FloatType>(&[ACTION, "list", "element"], Action::LEN).map_err(met)?;
-    let rewards = table.read::<FloatType>(&["next.reward"], 1).map_err(met)?;
-    let grass = table.read::<BoolType>(&["next.grass"], 1).map_err(met)?;
-    let wall_times_ns = table.read::<Int64Type>(&["wall_time_ns"], 1).map_err(met)?;
-    let contacts = contacts(table, notes).map_err(met)?;
+    let pngs = table.read::<ByteArrayType>(&[IMAGE, "bytes"], 1)?;
+    let actions = table.read::<FloatType>(&[ACTION, "list", "element"], Action::LEN)?;
+    let rewards = table.read::<FloatType>(&["next.reward"], 1)?;
+    let grass = table.read::<BoolType>(&["next.grass"], 1)?;
+    let wall_times_ns = table.read::<Int64Type>(&["wall_time_ns"], 1)?;
+    let contacts = contacts(table, notes)?;
     let width = notes.state.len();
     let states = match width {
         0 => Vec::new(),
-        1 => table.read::<FloatType>(&[STATE], 1).map_err(met)?,
-        _ => table.read::<FloatType>(&[STATE, "list", "element"], width).map_err(met)?,
+        1 => table.read::<FloatType>(&[STATE], 1)?,
+        _ => table.read::<FloatType>(&[STATE, "list", "element"], width)?,
     };
     let lens = [pngs.len(), actions.len() / Action::LEN, rewards.len(), grass.len(), wall_times_ns.len()];
     if lens != [n; 5] {
-        return Err(format!("{n} steps have columns of {lens:?}"));
+        return Err(Damage::Lengths { n_steps: n, lens });
     }
     if !actions.iter().chain(&rewards).chain(&states).all(|number| number.is_finite()) {
-        return Err("a number in it is not finite".to_owned());
+        return Err(Damage::NotFinite);
     }
     let (actions, _): (&[[f32; Action::LEN]], _) = actions.as_chunks();
     let is_planned = |t: usize| notes.planned.iter().any(|&[from, to]| (from..to).contains(&t));
@@ -378,8 +370,7 @@ fn take(table: &Table, notes: &Notes) -> Result<Take, String> {
         }
     });
     let rows = rows.collect();
-    let last =
-        table.footer.note(LAST_FRAME).map(|hex| from_hex(hex).ok_or("its last frame is not hexadecimal"));
+    let last = table.footer.note(LAST_FRAME).map(|hex| from_hex(hex).ok_or(Damage::LastFrame));
     let Notes { done, truncated, .. } = *notes;
     let end = last.transpose()?.map(|png| TakeEnd { png, done, truncated });
     let (id, info, state) = (notes.recording.clone(), notes.info.clone(), notes.state.clone());

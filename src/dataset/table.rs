@@ -20,6 +20,7 @@ use parquet::file::writer::{SerializedFileWriter, SerializedRowGroupWriter};
 use parquet::schema::types::{ColumnPath, Type, TypePtr};
 use sha2::{Digest as _, Sha256};
 
+use super::damage::TableError;
 use super::hex::to_hex;
 use super::{limits, parquet_check};
 
@@ -279,21 +280,6 @@ fn write_levels<T: DataType>(
     column.close()
 }
 
-/// Why a file cannot be read as a table.
-#[derive(Debug)]
-pub(super) enum Fault {
-    /// The system refused.
-    Disk(io::Error),
-    /// It is not what once was written.
-    Torn(String),
-}
-
-impl Fault {
-    fn torn(reason: impl Into<String>) -> Self {
-        Self::Torn(reason.into())
-    }
-}
-
 /// What the footer of a Parquet file says.
 pub(super) struct Footer {
     metadata: FileMetaData,
@@ -301,34 +287,37 @@ pub(super) struct Footer {
 
 impl Footer {
     /// Reads the footer, and checks that it is as it was written where it says so.
-    pub(super) fn read(file: &mut (impl Read + Seek)) -> std::result::Result<Self, Fault> {
-        let n_bytes = file.seek(SeekFrom::End(0)).map_err(Fault::Disk)?;
-        let tail_at = n_bytes.checked_sub(TAIL as u64).ok_or_else(|| Fault::torn("it is too short"))?;
+    pub(super) fn read(file: &mut (impl Read + Seek)) -> std::result::Result<Self, TableError> {
+        let n_bytes = file.seek(SeekFrom::End(0)).map_err(TableError::Disk)?;
+        let tail_at = n_bytes.checked_sub(TAIL as u64).ok_or(TableError::Short)?;
         let mut tail = [0; TAIL];
-        file.seek(SeekFrom::Start(tail_at)).and_then(|_| file.read_exact(&mut tail)).map_err(Fault::Disk)?;
-        let len = footer_len(tail).ok_or_else(|| Fault::torn("it does not end as a Parquet file does"))?;
+        file.seek(SeekFrom::Start(tail_at))
+            .and_then(|_| file.read_exact(&mut tail))
+            .map_err(TableError::Disk)?;
+        let len = footer_len(tail).ok_or(TableError::Tail)?;
         let start = tail_at.checked_sub(len as u64).filter(|&start| start >= MAGIC.len() as u64);
-        let start = start.ok_or_else(|| Fault::torn("its footer is longer than the file"))?;
+        let start = start.ok_or(TableError::Cut)?;
         if len > limits::FOOTER_BYTES {
-            return Err(Fault::torn(format!("its footer has {len} bytes")));
+            return Err(TableError::FooterBytes(len));
         }
         let mut footer = vec![0; len + TAIL];
-        file.seek(SeekFrom::Start(start)).and_then(|_| file.read_exact(&mut footer)).map_err(Fault::Disk)?;
+        file.seek(SeekFrom::Start(start))
+            .and_then(|_| file.read_exact(&mut footer))
+            .map_err(TableError::Disk)?;
         Self::decode(&footer)
     }
 
     /// The same of the footer's bytes, with its length and the magic after it.
-    fn decode(footer: &[u8]) -> std::result::Result<Self, Fault> {
+    fn decode(footer: &[u8]) -> std::result::Result<Self, TableError> {
         // Files of before have no such checksum.
         if footer_sha256(footer).is_some_and(|(digits, sha256)| footer[digits] != *sha256.as_bytes()) {
-            return Err(Fault::torn("its footer does not match its checksum"));
+            return Err(TableError::FooterChecksum);
         }
         let structure = &footer[..footer.len() - TAIL];
         if !parquet_check::is_footer(structure) {
-            return Err(Fault::torn("its footer is no footer"));
+            return Err(TableError::NoFooter);
         }
-        let metadata =
-            ParquetMetaDataReader::decode_metadata(structure).map_err(|met| Fault::torn(met.to_string()))?;
+        let metadata = ParquetMetaDataReader::decode_metadata(structure).map_err(TableError::Parquet)?;
         Ok(Self { metadata: metadata.file_metadata().clone() })
     }
 
@@ -375,7 +364,7 @@ pub(super) struct Table {
 impl Table {
     /// Takes the file apart, and checks that all of it is as it was written: a decoder that trusts its input must not see
     /// a damaged page.
-    pub(super) fn new(bytes: Vec<u8>) -> std::result::Result<Self, Fault> {
+    pub(super) fn new(bytes: Vec<u8>) -> std::result::Result<Self, TableError> {
         let footer = Footer::read(&mut io::Cursor::new(&bytes))?;
         let note = footer.note(SHA256).and_then(|note| note.split_once(' '));
         let pages = note.and_then(|(n_bytes, sha256)| {
@@ -384,16 +373,16 @@ impl Table {
         });
         let is_covered = footer_start(&bytes).is_some() && pages == footer_start(&bytes);
         if !is_covered {
-            return Err(Fault::torn("its content does not match its checksum"));
+            return Err(TableError::Checksum);
         }
         let bytes = Bytes::from(bytes);
-        let reader = SerializedFileReader::new(bytes.clone()).map_err(|met| Fault::torn(met.to_string()))?;
+        let reader = SerializedFileReader::new(bytes.clone()).map_err(TableError::Parquet)?;
         let [row_group] = reader.metadata().row_groups() else {
-            return Err(Fault::torn("it has not one group of rows"));
+            return Err(TableError::RowGroups);
         };
         let n_rows = usize::try_from(row_group.num_rows()).unwrap_or(usize::MAX);
         if n_rows > limits::STEPS || row_group.num_rows() != footer.n_rows() {
-            return Err(Fault::torn(format!("it says it has {} rows", row_group.num_rows())));
+            return Err(TableError::Rows(row_group.num_rows()));
         }
         Ok(Self { bytes, footer, reader, n_rows })
     }
