@@ -4,7 +4,7 @@
 //!
 //! 1. [`world_model`] learns to observe, imagine and decode what [`env`](mod@env) shows.
 //! 2. In a [`dream`] the user drives inside that model.
-//! 3. A [`query`] shows two segments of dreams; answers become labels, and labels a [`reward`].
+//! 3. A [`query`] shows two segments of dreams. Answers become labels, and labels a [`reward`].
 //! 4. A [`planner`] drives the real car by imagining ahead, and [`evaluation`] says how well.
 //!
 //! A [`session`] remembers all of it, a [`worker`] does each slow part, and [`ui`] shows them.

@@ -117,7 +117,7 @@ pub enum RunError {
 
 /// Tells the log that `what` of this number is in the file at `path`, whatever happens to the program from now on.
 ///
-/// `RUST_LOG=dropj::saved=debug` shows it; `.ci/kill-test` holds the program to it.
+/// `RUST_LOG=dropj::saved=debug` shows it. `.ci/kill-test` holds the program to it.
 pub fn log_saved(what: &str, number: u64, path: &Path) {
     log::debug!(target: "dropj::saved", "saved: {what} {number}: {path:?}");
 }
@@ -139,7 +139,7 @@ pub fn read_parameters(path: &Path) -> Result<Parameters, RunError> {
     Parameters::from_bytes(bytes).map_err(|met| RunError::Checkpoint { met, path: path.to_owned() })
 }
 
-/// The file in a job's folder that lists what the job wrote, a name a line; whoever works there holds its lock.
+/// The file in a job's folder that lists what the job wrote, a name a line. Whoever works there holds its lock.
 const LIST: &str = ".dropj-job";
 
 /// The folder of one job, in which it alone is at work.
@@ -155,7 +155,7 @@ pub struct Run {
 }
 
 impl Run {
-    /// The folder at `dir`, made if need be; without `resume` what an earlier job left in it is removed.
+    /// The folder at `dir`, made if need be. Without `resume` what an earlier job left in it is removed.
     pub fn open(dir: &Path, resume: bool) -> Result<Self, RunError> {
         let foreign = |found: PathBuf| RunError::Foreign { found, path: dir.to_owned() };
         let list_path = dir.join(LIST);
@@ -210,7 +210,7 @@ impl Run {
     /// The folder of the job that makes the file `out`: beside it, called as the file with `.fit` behind, so that every
     /// file has its own.
     ///
-    /// Earlier versions put `.fit` in the place of the ending; a job that they began is gone on with where it is.
+    /// Earlier versions put `.fit` in the place of the ending. A job that they began is gone on with where it is.
     pub fn beside(out: &Path, resume: bool) -> Result<Self, RunError> {
         let (dir, earlier) = (out.with_added_extension("fit"), out.with_extension("fit"));
         let is_of_earlier = resume && !dir.exists() && earlier.join("terms.json").exists();
@@ -272,7 +272,7 @@ impl Run {
     }
 }
 
-/// The names of what lies in `dir`, in order; none where there is no such folder.
+/// The names of what lies in `dir`, in order. None where there is no such folder.
 fn names_in(dir: &Path) -> Result<Vec<String>, RunError> {
     let listing = match fs::read_dir(dir) {
         Err(met) if met.kind() == ErrorKind::NotFound => return Ok(Vec::new()),

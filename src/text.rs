@@ -73,7 +73,7 @@ fn is_hidden(c: char) -> bool {
 /// ```
 pub fn cell(text: &str) -> String {
     let line = text.chars().fold(String::new(), spelled_out);
-    // A spreadsheet may strip spaces before it looks; full-width signs count as well in some.
+    // A spreadsheet may strip spaces before it looks. Full-width signs count as well in some.
     let first = line.trim_start().chars().next();
     let is_formula = matches!(first, Some('=' | '+' | '-' | '@' | '＝' | '＋' | '－' | '＠'))
         || text.starts_with(['\t', '\r', '\n']);
@@ -169,7 +169,7 @@ fn told_apart(lists: Vec<Vec<String>>) -> Vec<String> {
 
 /// The text in the bytes of a file, whatever of the usual ways it is stored in: UTF-8 or UTF-16, with a mark or without.
 ///
-/// What is no text in that encoding becomes `�`; this never fails.
+/// What is no text in that encoding becomes `�`. This never fails.
 pub fn decoded(bytes: &[u8]) -> Cow<'_, str> {
     match bytes {
         [0xef, 0xbb, 0xbf, rest @ ..] => String::from_utf8_lossy(rest),

@@ -134,7 +134,7 @@ fn a_car_that_learned_from_answers_stays_on_the_road_better_than_one_that_did_no
         let rows = |s: SegmentRef| {
             segment_rows(&features[s.dream.0 as usize], &dreams[s.dream.0 as usize].actions, s)
         };
-        trainer.learn(&SegmentPair { left: rows(query.left), right: rows(query.right), label });
+        trainer.predict_and_add(&SegmentPair { left: rows(query.left), right: rows(query.right), label });
     }
     assert!(trainer.fit(rng, |_| ControlFlow::Continue(())).unwrap().is_continue());
 

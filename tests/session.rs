@@ -129,7 +129,11 @@ fn a_reward_that_is_learned_again_has_the_losses_of_the_log() {
             let episode = store.dream(segment.dream).unwrap();
             segment_rows(&episode.features(&model), &episode.actions, segment)
         };
-        trainer.learn(&SegmentPair { left: rows(query.left), right: rows(query.right), label: *label });
+        trainer.predict_and_add(&SegmentPair {
+            left: rows(query.left),
+            right: rows(query.right),
+            label: *label,
+        });
     }
     let mut losses = Vec::new();
     let done = trainer.fit(rng, |report| {

@@ -42,7 +42,7 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
         for (name, pairs) in [("one clip is surely better", sure), ("all others", unsure)] {
             let mut judge = Trainer::new(RewardEnsemble::load(&parameters)?);
             for pair in &pairs {
-                judge.learn(pair);
+                judge.predict_and_add(pair);
             }
             let Some(figures) = judge.overall() else { continue };
             println!("  {name}: {}", in_words(&figures));

@@ -56,7 +56,7 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
         let scored = scored(&sessions, |session, pair| session.screen.signs(pair).map(|signs| signs[i]));
         println!("  {name:<12} {}  {weight:+.2}", figure(auc(&scored)));
     }
-    let shipped = |session: &Judged, pair: Pair| session.screen.doubt(pair).map(f64::from);
+    let shipped = |session: &Judged, pair: Pair| session.screen.anomaly(pair).map(f64::from);
     println!("  {:<12} {}", "together", figure(auc(&scored(&sessions, shipped))));
     println!("\nHeld back with the weights as they are shipped:");
     spared(&sessions);
@@ -74,7 +74,7 @@ fn read(dir: &Path, world: Option<&Path>) -> anyhow::Result<Judged> {
     let mut screen = Screen::default();
     for (id, episode) in dreams {
         let signs = episode.signs(&model, || true).unwrap_or_else(|| unreachable!("nobody says no"));
-        screen.know(id, &signs);
+        screen.add_dream(id, &signs);
     }
     Ok(Judged { screen, judged: session.looked_at() })
 }

@@ -16,7 +16,7 @@ pub(super) const DAMAGED: &str = "damaged";
 const DAMAGED_EXTENSION: &str = "damaged";
 /// What the name of a journal ends in.
 pub(super) const JOURNAL_EXTENSION: &str = "journal";
-/// Who holds this file locked is recording; it lies in `journal`.
+/// Who holds this file locked is recording. It lies in `journal`.
 pub(super) const LOCK: &str = ".lock";
 
 /// Where episode `number` is sealed.
@@ -54,7 +54,7 @@ fn number_in(path: &Path, before: &str, after: &str) -> Option<usize> {
     path.file_name()?.to_str()?.strip_prefix(before)?.strip_suffix(after)?.parse().ok()
 }
 
-/// Moves a file of the dataset aside, and says where it is now; nothing that is there is overwritten.
+/// Moves a file of the dataset aside, and says where it is now. Nothing that is there is overwritten.
 pub(super) fn set_aside(dir: &Path, path: &Path) -> Result<PathBuf, DatasetError> {
     let folder = dir.join(DAMAGED);
     make_folder(&folder)?;
@@ -73,7 +73,7 @@ pub(super) fn set_aside(dir: &Path, path: &Path) -> Result<PathBuf, DatasetError
     Ok(free)
 }
 
-/// What a folder holds; nothing where there is no folder.
+/// What a folder holds. Nothing where there is no folder.
 pub(super) fn list(dir: &Path) -> Result<Vec<PathBuf>, DatasetError> {
     let entries = match fs::read_dir(dir) {
         Ok(entries) => entries,

@@ -165,7 +165,7 @@ pub enum DatasetError {
         /// The dataset.
         path: PathBuf,
     },
-    /// Sealing failed; nothing is lost.
+    /// Sealing failed. Nothing is lost.
     #[error("could not seal the episode, which stays in its journal {path:?}: {met}")]
     NotSealed {
         /// What was met.

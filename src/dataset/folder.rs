@@ -28,7 +28,7 @@ pub struct Dataset {
 }
 
 impl Dataset {
-    /// Opens a dataset for recording in the environment `env`; makes it where there is none.
+    /// Opens a dataset for recording in the environment `env`. Makes it where there is none.
     ///
     /// A folder that is neither ours nor empty is refused before anything in it is touched.
     ///
@@ -47,7 +47,7 @@ impl Dataset {
         match lock.try_lock() {
             Ok(()) => {}
             Err(fs::TryLockError::WouldBlock) => return Err(DatasetError::Busy { path: dir.to_path_buf() }),
-            // Some network disks know no locks; recording there is at the user's own risk.
+            // Some network disks know no locks. Recording there is at the user's own risk.
             Err(fs::TryLockError::Error(error)) => {
                 log::warn!("could not lock {}: {error}", lock_path.display());
             }
@@ -79,12 +79,12 @@ impl Dataset {
         Ok(dataset)
     }
 
-    /// Opens a dataset for reading, even where there is nothing; changes nothing on disk.
-    pub fn look(dir: &Path) -> Result<Self, DatasetError> {
+    /// Opens a dataset for reading, even where there is nothing. Changes nothing on disk.
+    pub fn inspect(dir: &Path) -> Result<Self, DatasetError> {
         Self::read(dir, Found::read(dir)?)
     }
 
-    /// Opens a dataset for reading; changes nothing on disk.
+    /// Opens a dataset for reading. Changes nothing on disk.
     pub fn open(dir: &Path) -> Result<Self, DatasetError> {
         let found = Found::read(dir)?;
         let foreign = ownership::describe(dir, &found);
@@ -203,7 +203,7 @@ impl Dataset {
         sealed::episode((notes, take))
     }
 
-    /// Reads the episodes one after the other; only one at a time is in memory.
+    /// Reads the episodes one after the other. Only one at a time is in memory.
     ///
     /// A damaged one is an error that the caller may report and pass over.
     pub fn episodes(&self) -> impl Iterator<Item = Result<Episode, DatasetError>> + '_ {
@@ -242,7 +242,7 @@ impl Dataset {
 
     /// Seals a recording and returns its number in the dataset.
     ///
-    /// `last_frame` is what was seen after the last action; `end` is why the environment ended the episode, if it did.
+    /// `last_frame` is what was seen after the last action. `end` is why the environment ended the episode, if it did.
     /// Where the episodes before it lack columns that it would have, as those of older versions do, it does without.
     /// Where the disk does not allow it, the episode stays in its journal, among the [`unfinished`](Self::unfinished).
     pub fn seal(

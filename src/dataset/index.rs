@@ -81,7 +81,7 @@ impl Dataset {
         deleted(&self.dir).map(|notes| Summary::of(&notes)).filter(|it| self.find(&it.recording).is_none())
     }
 
-    /// Whether a program was killed while it deleted something here; opening it for recording repairs that.
+    /// Whether a program was killed while it deleted something here. Opening it for recording repairs that.
     pub fn is_torn(dir: &Path) -> bool {
         renumbering(dir).exists()
     }

@@ -120,7 +120,7 @@ impl Recording {
         })
     }
 
-    /// Appends a step; once this returns, a killed program does not lose it.
+    /// Appends a step. Once this returns, a killed program does not lose it.
     ///
     /// After an error the step is not part of the recording, which may go on.
     pub fn push(&mut self, step: &StepRecord) -> Result<(), DatasetError> {
@@ -340,7 +340,7 @@ pub(super) fn is_one(path: &Path) -> bool {
     is_read && [MAGIC, OLD_MAGIC].contains(&begun.as_slice())
 }
 
-/// What the bytes of the journal `id` hold, and how many are torn at their end; nothing where the beginning is.
+/// What the bytes of the journal `id` hold, and how many are torn at their end. Nothing where the beginning is.
 pub(super) fn parse(bytes: &[u8], id: String) -> Option<(Take, usize)> {
     let is_old = bytes.starts_with(OLD_MAGIC);
     let rest = bytes.strip_prefix(if is_old { OLD_MAGIC } else { MAGIC })?;
@@ -366,7 +366,7 @@ pub(super) fn parse(bytes: &[u8], id: String) -> Option<(Take, usize)> {
     Some((take, rest.len()))
 }
 
-/// The payload of the first record, and what comes after it; nothing where the record is torn.
+/// The payload of the first record, and what comes after it. Nothing where the record is torn.
 fn split_record(bytes: &[u8]) -> Option<(&[u8], &[u8])> {
     let (head, rest) = bytes.split_at_checked(RECORD_HEAD)?;
     let len = u32::from_le_bytes(*head.first_chunk()?) as usize;

@@ -8,9 +8,9 @@ use super::notes::{ACTION, IMAGE, Notes, STATE};
 use super::stats::Stats;
 use crate::env::Action;
 
-/// Steps of an episode; ours have at most a thousand.
+/// Steps of an episode. Ours have at most a thousand.
 pub(super) const STEPS: usize = 100_000;
-/// Pixels a side of a frame; ours have 84 or 128.
+/// Pixels a side of a frame. Ours have 84 or 128.
 pub(super) const SIDE: u32 = 1024;
 /// Bytes of all frames of an episode, as they are in memory.
 const FRAMES_BYTES: usize = 4 << 30;

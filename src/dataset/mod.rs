@@ -17,10 +17,10 @@
 //! when the action was taken) and `LeRobot`'s indices.
 //! Worlds with obstacles add `next.chuckhole` (a wheel is in one) and `next.car` (the hull touches another's).
 //! An episode of n steps has n + 1 frames, each stored once: the frame after the last action is no step and gets no
-//! row; it stands in the footer of the file, under the key `dropj.last_frame`, as a PNG in hexadecimal.
+//! row. It stands in the footer of the file, under the key `dropj.last_frame`, as a PNG in hexadecimal.
 //! `assets/format-datasets.md` tells all of it.
 //!
-//! The files of `data` say all there is to say; `meta` is derived from them and made to agree whenever the dataset is opened
+//! The files of `data` say all there is to say. `meta` is derived from them and made to agree whenever the dataset is opened
 //! for recording. A folder that is neither ours nor empty is not written to.
 
 mod damage;
@@ -107,7 +107,7 @@ pub struct Episode {
     pub contacts: Vec<Contacts>,
     /// When each action was taken, in nanoseconds since 1970: n.
     pub wall_times_ns: Vec<i64>,
-    /// The names of what the car measured; none in a world where it measures nothing, and before that was recorded.
+    /// The names of what the car measured. None in a world where it measures nothing, and before that was recorded.
     pub state_names: Vec<String>,
     /// What the car measured before each action: n, each as long as its names.
     pub states: Vec<Vec<f32>>,

@@ -77,7 +77,7 @@ impl Notes {
     }
 }
 
-/// The columns that not every dataset has; all episodes of one have the same.
+/// The columns that not every dataset has. All episodes of one have the same.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct Columns {
     /// The names of what the car measured; none, no column.

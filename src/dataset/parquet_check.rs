@@ -37,7 +37,7 @@ pub(super) fn pages_hold(pages: &[u8], n_values: usize, page_bytes: usize) -> bo
 struct Page {
     uncompressed: usize,
     compressed: usize,
-    /// Of the column; those of a dictionary are none.
+    /// Of the column. Those of a dictionary are none.
     n_values: usize,
 }
 
@@ -75,7 +75,7 @@ impl Walk<'_> {
         if zigzag & 1 == 0 { usize::try_from(zigzag >> 1).ok() } else { None }
     }
 
-    /// The next field's number and type, given the number of the one before; nothing at the end of the structure.
+    /// The next field's number and type, given the number of the one before. Nothing at the end of the structure.
     fn field(&mut self, before: i64) -> Option<Option<(i64, u8)>> {
         let head = self.byte()?;
         if head == 0 {

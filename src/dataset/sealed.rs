@@ -87,7 +87,7 @@ pub(super) fn write(
     write_as(dir, take, place, &columns, env!("CARGO_PKG_VERSION").into())
 }
 
-/// Writes the episode of `old`'s file at another place of the dataset at `dir`; the file stays.
+/// Writes the episode of `old`'s file at another place of the dataset at `dir`. The file stays.
 pub(super) fn move_to(dir: &Path, old: &Notes, place: Place) -> Result<Notes, DatasetError> {
     let (notes, take) = read(&old.path)?;
     write_as(dir, &take, place, &notes.columns(), notes.app)
@@ -253,7 +253,7 @@ pub(super) fn read(path: &Path) -> Result<(Notes, Take), DatasetError> {
     parse(fs::read(path).map_err(failed)?, path)
 }
 
-/// The same of a file's bytes; `path` is only told.
+/// The same of a file's bytes. `path` is only told.
 pub(super) fn parse(bytes: Vec<u8>, path: &Path) -> Result<(Notes, Take), DatasetError> {
     // What was not written by us has no checksum of ours, and is not torn.
     let footer = Footer::read(&mut std::io::Cursor::new(&bytes)).map_err(|fault| faulty(fault, path))?;

@@ -419,7 +419,7 @@ impl Table {
             {}
             Ok(values)
         };
-        // The decoder trusts pages; those of a forged file, with checksums that are right, may still make it panic.
+        // The decoder trusts pages. Those of a forged file, with checksums that are right, may still make it panic.
         let values =
             catch_unwind(AssertUnwindSafe(read)).unwrap_or_else(|_| Err(fault("there is no sense in")))?;
         if values.len() != n_values {
@@ -475,7 +475,7 @@ mod tests {
         for at in 0..whole.len() {
             let mut bytes = whole.clone();
             bytes[at] ^= 0x20;
-            // A checksum of another name is none; episodes have one.
+            // A checksum of another name is none. Episodes have one.
             let is_whole = Table::new(bytes).is_ok_and(|table| table.footer.is_signed());
             assert!(!is_whole, "byte {at}");
         }

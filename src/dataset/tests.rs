@@ -655,7 +655,7 @@ fn whatever_happens_to_files_the_index_follows() {
         assert_eq!(disk::data_files(dir.path()).unwrap().len(), seeds.len());
     };
     check(&[(10, 3), (12, 2), (13, 4)]);
-    // One in the middle, of another dataset; the last under a name of its own.
+    // One in the middle, of another dataset. The last under a name of its own.
     fs::rename(file(2), file(7)).unwrap();
     fs::rename(file(1), file(5)).unwrap();
     fs::copy(episode_file(other.path(), 0), file(3)).unwrap();
@@ -816,7 +816,7 @@ fn no_bytes_make_the_readers_panic() {
     let episode = fs::read(episode_file(dir.path(), 0)).unwrap();
     let mut numbers = ChaCha8Rng::seed_from_u64(0);
     for whole in [&episode, &OLD_EPISODE.to_vec(), &OLD_JOURNAL.to_vec()] {
-        // So many take a second; ROUNDS=400000 took over a minute.
+        // So many take a second. ROUNDS=400000 took over a minute.
         for round in 0..std::env::var("ROUNDS").map_or(600, |rounds| rounds.parse().unwrap()) {
             let mut bytes = whole.clone();
             for _ in 0..=round % 4 {

@@ -69,13 +69,13 @@ pub struct OtherStates {
 
 /// A dream as it was driven, from which everything else follows.
 ///
-/// Step t is in state (zₜ, memoryₜ) and takes action t; the memory is a function of the start, the latents and the
+/// Step t is in state (zₜ, memoryₜ) and takes action t. The memory is a function of the start, the latents and the
 /// actions, so it is not kept but remembered anew by [`DreamEpisode::features`].
 #[derive(Clone, Debug, PartialEq)]
 pub struct DreamEpisode {
     /// The first state.
     pub start: LatentState,
-    /// The latents of every step, `[T, Z]`; the first row is the start's.
+    /// The latents of every step, `[T, Z]`. The first row is the start's.
     pub zs: Rows,
     /// The action of every step, as driven.
     pub actions: Vec<Action>,
@@ -83,7 +83,7 @@ pub struct DreamEpisode {
     pub unsafe_marks: Vec<usize>,
     /// The seed of its noise.
     pub seed: u64,
-    /// The steps that the planner drove, in order and apart; the others were driven by hand.
+    /// The steps that the planner drove, in order and apart. The others were driven by hand.
     pub planned: Vec<Range<usize>>,
 }
 
@@ -172,7 +172,7 @@ pub struct Dream {
 }
 
 impl Dream {
-    /// A dream from `start`; `seed` is kept in the episode as the name of the caller's generator.
+    /// A dream from `start`. `seed` is kept in the episode as the name of the caller's generator.
     pub fn new(start: &LatentState, seed: u64) -> Self {
         Self { state: start.into(), episode: DreamEpisode::new(start.clone(), seed) }
     }

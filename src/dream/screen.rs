@@ -1,7 +1,7 @@
 //! A screen for bad dreams: which segments somebody would skip because they do not look like the world.
 //!
-//! A segment's doubt is a weighted sum of its [`SIGNS`], each measured against all segments that are known, and the doubt
-//! of a pair is the sum of both. What is held back is a share of all pairs, so that it means the same in every world.
+//! A segment's anomaly score is a weighted sum of its [`SIGNS`], each measured against all segments that are known. The
+//! score of a pair is the sum of both. A share of all pairs is held back, so that it means the same in every world.
 
 use std::collections::BTreeMap;
 
@@ -16,13 +16,13 @@ use crate::query::{DreamId, SEGMENT_LEN, SegmentRef};
 /// What each sign counts before anybody has skipped anything, in the order of [`SIGNS`].
 ///
 /// A logistic regression on what was skipped by `simulate --queries 300 --dreams 6 --seed 0 --eps-skip 0.35` for Car Racing,
-/// rounded; the first three told too little there to count.
-const SHIPPED: [f64; N_SIGNS] = [0.0, 0.0, 0.0, 0.2, 0.1, 0.15, 0.15];
-/// How firmly that is believed: a deviation of one has the prior of a Gaussian with this precision.
-const FIRMNESS: f64 = 30.0;
-/// So many skips must there be before they teach anything.
+/// rounded. The first three told too little there to count.
+const DEFAULT_WEIGHTS: [f64; N_SIGNS] = [0.0, 0.0, 0.0, 0.2, 0.1, 0.15, 0.15];
+/// The precision of the Gaussian prior around those weights, for signs whose deviation is one.
+const PRIOR_PRECISION: f64 = 30.0;
+/// So many skips must there be before anything is learned from them.
 const MIN_SKIPS: usize = 3;
-/// Pairs whose doubts make up the distribution.
+/// Pairs whose anomaly scores make up the distribution.
 const N_PAIRS: usize = 1000;
 
 /// Two segments.
@@ -36,7 +36,7 @@ pub struct Screen {
     /// The mean and the deviation of each sign over all segments.
     standard: [(f64, f64); N_SIGNS],
     weights: [f64; N_SIGNS],
-    /// The doubts of pairs by chance, the least first.
+    /// The anomaly scores of pairs by chance, the least first.
     distribution: Vec<f32>,
 }
 
@@ -56,13 +56,13 @@ pub struct Spared {
 impl Default for Screen {
     fn default() -> Self {
         let (segments, distribution) = (BTreeMap::new(), Vec::new());
-        Self { segments, standard: [(0.0, 1.0); N_SIGNS], weights: SHIPPED, distribution }
+        Self { segments, standard: [(0.0, 1.0); N_SIGNS], weights: DEFAULT_WEIGHTS, distribution }
     }
 }
 
 impl Screen {
-    /// Knows a dream by the signs of its steps, `[T, 7]`.
-    pub fn know(&mut self, dream: DreamId, signs: &Rows) {
+    /// Adds a dream by the signs of its steps, `[T, 7]`.
+    pub fn add_dream(&mut self, dream: DreamId, signs: &Rows) {
         let mut sum = [0.0; N_SIGNS];
         let mut segments = Vec::new();
         for t in 0..signs.len() {
@@ -97,18 +97,18 @@ impl Screen {
         }))
     }
 
-    /// How little a pair looks like the world, against others; nothing where a dream is not known.
-    pub fn doubt(&self, pair: Pair) -> Option<f32> {
+    /// The anomaly score of a pair: how little it looks like the world, against others. Nothing where a dream is not known.
+    pub fn anomaly(&self, pair: Pair) -> Option<f32> {
         let signs = self.signs(pair)?;
         Some(signs.iter().zip(self.weights).map(|(sign, weight)| sign * weight).sum::<f64>() as f32)
     }
 
-    /// The doubts of a thousand pairs by chance, the least first.
+    /// The anomaly scores of a thousand pairs by chance, the least first.
     pub fn distribution(&self) -> &[f32] {
         &self.distribution
     }
 
-    /// The doubt above which the worst `share` of all pairs lies; nothing where nothing is held back or known.
+    /// The anomaly score above which the worst `share` of all pairs lies. Nothing where nothing is held back or known.
     pub fn limit(&self, share: f32) -> Option<f32> {
         let n = self.distribution.len();
         let n_held = (share.clamp(0.0, 1.0) * n as f32).round() as usize;
@@ -118,7 +118,7 @@ impl Screen {
     /// Whether a pair is among the worst `share` of all.
     pub fn holds_back(&self, pair: Pair, share: f32) -> bool {
         let most = self.limit(share);
-        most.is_some_and(|most| self.doubt(pair).is_some_and(|doubt| doubt > most))
+        most.is_some_and(|most| self.anomaly(pair).is_some_and(|anomaly| anomaly > most))
     }
 
     /// What each sign counts.
@@ -129,11 +129,11 @@ impl Screen {
     /// Learns from pairs that were seen, and whether they did not look like the world: a logistic regression from the
     /// weights at first, which it leaves the further the more was skipped.
     pub fn learn(&mut self, seen: &[(Pair, bool)]) {
-        self.weights = SHIPPED;
+        self.weights = DEFAULT_WEIGHTS;
         let rows: Vec<_> = seen.iter().filter_map(|(pair, bad)| Some((self.signs(*pair)?, *bad))).collect();
         let n_bad = rows.iter().filter(|(_, bad)| *bad).count();
         if n_bad >= MIN_SKIPS && n_bad < rows.len() {
-            self.weights = logistic(&rows, SHIPPED);
+            self.weights = logistic(&rows, DEFAULT_WEIGHTS);
         }
         self.distribute();
     }
@@ -157,7 +157,7 @@ impl Screen {
             self.segments.iter().map(|(id, segments)| (*id, segments.len() + SEGMENT_LEN - 1)).collect();
         let rng = &mut ChaCha8Rng::seed_from_u64(0);
         let pairs = (0..N_PAIRS).filter_map(|_| sample_pair(&lens, rng));
-        self.distribution = pairs.filter_map(|pair| self.doubt(pair)).collect();
+        self.distribution = pairs.filter_map(|pair| self.anomaly(pair)).collect();
         self.distribution.sort_by(f32::total_cmp);
     }
 }
@@ -175,8 +175,8 @@ fn logistic(rows: &[([f64; N_SIGNS], bool)], prior: [f64; N_SIGNS]) -> [f64; N_S
         // The last column of the matrix is the gradient.
         let mut system = [[0.0; N + 1]; N];
         for (i, (row, prior)) in system.iter_mut().zip(prior).enumerate() {
-            row[i] = FIRMNESS;
-            row[N] = FIRMNESS * (prior - weights[i]);
+            row[i] = PRIOR_PRECISION;
+            row[N] = PRIOR_PRECISION * (prior - weights[i]);
         }
         for (signs, is_bad) in rows {
             let x = with_one(signs);
@@ -196,7 +196,7 @@ fn logistic(rows: &[([f64; N_SIGNS], bool)], prior: [f64; N_SIGNS]) -> [f64; N_S
     std::array::from_fn(|i| weights[i])
 }
 
-/// The solution of linear equations whose matrix is positive definite; the last column is the right side.
+/// The solution of linear equations whose matrix is positive definite. The last column is the right side.
 fn solved<const N: usize, const M: usize>(mut system: [[f64; M]; N]) -> [f64; N] {
     for i in 0..N {
         let pivot = system[i];
@@ -227,7 +227,7 @@ mod tests {
             signs.push(&row);
         }
         let mut screen = Screen::default();
-        screen.know(DreamId(2), &signs);
+        screen.add_dream(DreamId(2), &signs);
         screen
     }
 
@@ -247,14 +247,14 @@ mod tests {
         assert_eq!(segments.len(), 101, "the last segment counts");
         let mean: f64 = (85..105).map(|t| f64::from(t % 7)).sum::<f64>() / 20.0;
         assert!((segments[85][0] - mean).abs() < 1e-9, "{} and {mean}", segments[85][0]);
-        assert_eq!(screen.doubt([SegmentRef { dream: DreamId(0), start: 0 }; 2]), None, "it is not known");
+        assert_eq!(screen.anomaly([SegmentRef { dream: DreamId(0), start: 0 }; 2]), None, "it is not known");
     }
 
     #[test]
-    fn skips_teach_what_to_hold_back() {
+    fn what_to_hold_back_is_learned_from_skips() {
         let mut screen = screen();
         screen.learn(&seen());
-        assert!(screen.doubt(pair(90, 95)) > screen.doubt(pair(10, 20)), "late moments are doubted");
+        assert!(screen.anomaly(pair(90, 95)) > screen.anomaly(pair(10, 20)), "late moments score higher");
         let spared = screen.spared(&seen(), 0.4);
         assert!(spared.n_spared as f64 > 0.8 * spared.n_bad as f64, "{spared:?}");
         assert!((spared.n_lost as f64) < 0.2 * spared.n_good as f64, "{spared:?}");
@@ -263,7 +263,7 @@ mod tests {
     }
 
     #[test]
-    fn too_few_skips_teach_nothing_and_no_share_holds_nothing_back() {
+    fn nothing_is_learned_from_too_few_skips_and_no_share_holds_nothing_back() {
         let mut screen = screen();
         let before = screen.clone();
         screen.learn(&[(pair(90, 91), true), (pair(80, 81), true), (pair(0, 1), false)]);

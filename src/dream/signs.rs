@@ -41,7 +41,7 @@ impl DreamEpisode {
             let end = (begin + BATCH).min(self.len());
             let rows = &features.values[begin * features.width..end * features.width];
             let rows = from_slice(rows, &[(end - begin) as i64, features.width as i64]);
-            // With a neighbor on either side; the ends of the dream are their own.
+            // With a neighbor on either side. The ends of the dream are their own.
             let last = self.len() - 1;
             let (first, after) = (begin.saturating_sub(1), end.min(last) + 1);
             let mut frames = self.frames(model, first..after);

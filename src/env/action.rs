@@ -5,11 +5,11 @@ use serde::{Deserialize, Serialize};
 /// The controls of one step, as the environment and the dynamics take them.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Action {
-    /// Steering in `[-1, 1]`; positive is right.
+    /// Steering in `[-1, 1]`. Positive is right.
     pub steer: f32,
     /// Throttle in `[0, 1]`.
     pub gas: f32,
-    /// Brake in `[0, 1]`; at 0.9 and above the wheels lock.
+    /// Brake in `[0, 1]`. At 0.9 and above the wheels lock.
     pub brake: f32,
 }
 

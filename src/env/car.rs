@@ -99,7 +99,7 @@ impl Wheel {
         }
     }
 
-    /// Notes that the wheel touches a tile no more; says whether it was the last.
+    /// Notes that the wheel touches a tile no more. Says whether it was the last.
     pub fn leave(&mut self, tile: usize) -> bool {
         self.tiles.retain(|&other| other != tile);
         self.tiles.is_empty()
@@ -192,14 +192,14 @@ impl Car {
         }
     }
 
-    /// Brake in `[0, 1]`; at 0.9 and above the wheels lock.
+    /// Brake in `[0, 1]`. At 0.9 and above the wheels lock.
     pub fn brake(&mut self, brake: f64) {
         for wheel in &mut self.wheels {
             wheel.brake = brake;
         }
     }
 
-    /// Aims the front wheels, in radians; positive is left, and the joints stop at 0.4.
+    /// Aims the front wheels, in radians. Positive is left, and the joints stop at 0.4.
     pub fn steer(&mut self, angle: f64) {
         for wheel in &mut self.wheels[..2] {
             wheel.steer = angle;

@@ -85,7 +85,7 @@ impl Traced for CarRacing {
         agent.brake(brake);
         self.lap.step_car(0);
         self.lap.step_world();
-        self.lap.judge()
+        self.lap.outcome()
     }
 
     fn score(&self) -> f64 {

@@ -81,15 +81,15 @@ impl PedalAxis {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct ControlConfig {
-    /// Steering of ← and →, in `[0, 1]`; the authors' recorder: 1.
+    /// Steering of ← and →, in `[0, 1]`. The authors' recorder: 1.
     pub key_steer: f32,
-    /// Throttle of ↑, in `[0, 1]`; the authors' recorder: 1.
+    /// Throttle of ↑, in `[0, 1]`. The authors' recorder: 1.
     pub key_gas: f32,
-    /// Brake of ↓, in `[0, 1]`; the authors' recorder: 0.8, just less than what locks the wheels.
+    /// Brake of ↓, in `[0, 1]`. The authors' recorder: 0.8, just less than what locks the wheels.
     pub key_brake: f32,
-    /// How far a stick or trigger moves before it counts, in `[0, 0.9]`; beyond it the range begins again at 0.
+    /// How far a stick or trigger moves before it counts, in `[0, 0.9]`. Beyond it the range begins again at 0.
     pub dead_zone: f32,
-    /// The exponent of a stick or trigger beyond its dead zone, in `[1, 3]`; 1 is straight.
+    /// The exponent of a stick or trigger beyond its dead zone, in `[1, 3]`. 1 is straight.
     pub curve: f32,
     /// What steers.
     pub steer_by: SteerAxis,
@@ -148,7 +148,7 @@ impl Default for ControlConfig {
 
 /// Which driving keys are down.
 ///
-/// Of ← and → the one pressed last wins; releasing it gives back the other if that is still held.
+/// Of ← and → the one pressed last wins. Releasing it gives back the other if that is still held.
 // DIFFERENCE: in the released recorder, releasing the winner straightens the wheels although the other is still
 // held (method §5). A key that is held should count, so here it does again.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -163,7 +163,7 @@ pub struct HeldKeys {
 }
 
 impl HeldKeys {
-    /// Notes that a key is down or up; saying so again, as repeating keys do, changes nothing.
+    /// Notes that a key is down or up. Saying so again, as repeating keys do, changes nothing.
     pub fn set(&mut self, key: DrivingKey, is_down: bool) {
         match key {
             DrivingKey::Left => {
@@ -210,7 +210,7 @@ impl HeldKeys {
 /// A gamepad as it is read, before the dead zone.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Pad {
-    /// Left stick, sideways, in `[-1, 1]`; positive is right.
+    /// Left stick, sideways, in `[-1, 1]`. Positive is right.
     pub stick: f32,
     /// Right trigger, in `[0, 1]`.
     pub right_trigger: f32,
@@ -218,7 +218,7 @@ pub struct Pad {
     pub left_trigger: f32,
     /// Left stick, away from the hand, in `[-1, 1]`.
     pub left_y: f32,
-    /// Right stick, sideways, in `[-1, 1]`; positive is right.
+    /// Right stick, sideways, in `[-1, 1]`. Positive is right.
     pub right_x: f32,
     /// Right stick, away from the hand, in `[-1, 1]`.
     pub right_y: f32,

@@ -85,7 +85,7 @@ pub struct Camera {
     pub y: f64,
     /// Hull angle in radians.
     pub angle: f64,
-    /// Hull velocity in units a second; above 0.5 its direction is up.
+    /// Hull velocity in units a second. Above 0.5 its direction is up.
     pub velocity: [f64; 2],
 }
 
@@ -268,7 +268,7 @@ impl Painter {
     }
 
     /// The score in small blocks.
-    // DIFFERENCE: gym prints in the font it finds; the bar never reaches a model, so plain blocks do.
+    // DIFFERENCE: gym prints in the font it finds. The bar never reaches a model, so plain blocks do.
     fn digits(&mut self, text: &str, color: Color) {
         const BLOCK: f64 = 7.0;
         let (mut x, top) = (20.0, 50.0 + 2.5 * BLOCK);
@@ -299,7 +299,7 @@ impl Painter {
         self.canvas.fill(&pixels, color);
     }
 
-    /// Fills a polygon given in car units on a body; placed in single precision, as the physics does.
+    /// Fills a polygon given in car units on a body. Placed in single precision, as the physics does.
     fn body(&mut self, pose: &Pose, corners: &[[f32; 2]], color: Color) {
         let (sin, cos) = (trig::sin_f32(pose.angle), trig::cos_f32(pose.angle));
         let mut pixels = [[0.0; 2]; 8];
@@ -323,7 +323,7 @@ impl Painter {
         self.pixel_from_window([ANCHOR[0] + cos * dx - sin * dy, ANCHOR[1] + sin * dx + cos * dy])
     }
 
-    /// Window pixels count from the bottom left, canvas pixels from the top left; the centers coincide.
+    /// Window pixels count from the bottom left, canvas pixels from the top left. The centers coincide.
     fn pixel_from_window(&self, [x, y]: [f64; 2]) -> [f64; 2] {
         [
             self.half[0] + (x - WINDOW[0] / 2.0) * self.scale[0],

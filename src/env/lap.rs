@@ -113,7 +113,7 @@ impl Lap {
         }
     }
 
-    /// Puts a chuckhole at `center`; all of them come before the cars.
+    /// Puts a chuckhole at `center`. All of them come before the cars.
     pub(super) fn add_chuckhole(&mut self, center: [f64; 2]) {
         self.world.add_sensor(Shape::Circle { center: Vec2::from_f64(center), radius: CHUCKHOLE_RADIUS });
         self.parts.push(Part::Chuckhole(self.chuckholes.len()));
@@ -145,7 +145,7 @@ impl Lap {
         self.cars[car].step(&mut self.world);
     }
 
-    /// Moves the world on, and keeps the book of tiles; what else met is in `meetings`.
+    /// Moves the world on, and keeps the book of tiles. What else met is in `meetings`.
     pub(super) fn step_world(&mut self) {
         let mut touches = std::mem::take(&mut self.touches);
         touches.clear();
@@ -194,7 +194,7 @@ impl Lap {
     }
 
     /// Closes a step that an action was given for: reward, grass, new tile, end.
-    pub(super) fn judge(&mut self) -> Outcome {
+    pub(super) fn outcome(&mut self) -> Outcome {
         self.score -= SCORE_PER_ACTION;
         self.n_actions += 1;
         let p = self.hull(0).position();
@@ -202,7 +202,7 @@ impl Lap {
         let grass = out || self.off_road;
         let new_tile = !grass && self.n_visited > self.n_visited_before;
         self.n_visited_before = self.n_visited;
-        // DIFFERENCE: a finished lap ends gym's episode; the authors overwrite that flag, and so do we.
+        // DIFFERENCE: a finished lap ends gym's episode. The authors overwrite that flag, and so do we.
         let end = if out {
             Some(End::OutOfBounds)
         } else if self.n_actions >= MAX_STEPS {

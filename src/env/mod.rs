@@ -65,7 +65,7 @@ pub trait Env: Send {
     /// What the models see of the present moment, processed (method §2.1).
     fn frame(&self) -> Frame;
 
-    /// The names of what the agent's car measures of itself, as a real one would; none where it measures nothing.
+    /// The names of what the agent's car measures of itself, as a real one would. None where it measures nothing.
     fn sensors(&self) -> &'static [&'static str] {
         &[]
     }
@@ -93,7 +93,7 @@ pub struct Outcome {
     pub end: Option<End>,
 }
 
-/// What happened to the agent's car in a step; the authors' info flags.
+/// What happened to the agent's car in a step. The authors' info flags.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[expect(clippy::struct_excessive_bools, reason = "six independent flags of the reference environment")]
 pub struct Events {
@@ -131,11 +131,11 @@ pub struct Truth {
     pub speed: f32,
     /// Hull velocity along and to the right of the road's direction at the nearest node, units a second.
     pub road_velocity: [f32; 2],
-    /// Signed distance of the hull from the center line in units; positive is right of it. Half the road is 6.67.
+    /// Signed distance of the hull from the center line in units. Positive is right of it. Half the road is 6.67.
     pub lateral: f32,
-    /// Hull heading minus road heading in `[-π, π)`; positive points left of the road.
+    /// Hull heading minus road heading in `[-π, π)`. Positive points left of the road.
     pub heading_error: f32,
-    /// The road's change of direction over the next 5, 10 and 20 nodes (3.5 units each), radians; positive is left.
+    /// The road's change of direction over the next 5, 10 and 20 nodes (3.5 units each), radians. Positive is left.
     pub bends: [f32; 3],
     /// Index of the nearest track node.
     pub node: usize,
@@ -145,7 +145,7 @@ pub struct Truth {
     pub n_visited: usize,
     /// How many of the four wheels touch no tile.
     pub wheels_off: u8,
-    /// What the car touches at this moment; nothing in a world without obstacles.
+    /// What the car touches at this moment. Nothing in a world without obstacles.
     pub contacts: Option<Contacts>,
     /// The next chuckhole, if there is one ahead or beside.
     pub chuckhole: Option<Obstacle>,
@@ -167,7 +167,7 @@ pub struct Contacts {
 pub struct Obstacle {
     /// Which of its kind.
     pub id: usize,
-    /// How far ahead of the hull its center is in units along the road; negative is behind.
+    /// How far ahead of the hull its center is in units along the road. Negative is behind.
     pub ahead: f32,
     /// How far right of the center line its center is in units.
     pub lateral: f32,

@@ -1,6 +1,6 @@
 //! Obstacle Car Racing: Car Racing with chuckholes in the road and, if wanted, scripted cars on it.
 //!
-//! Chuckholes slow the car down, cars are solid; neither gives a reward nor ends an episode. In evaluation three
+//! Chuckholes slow the car down, cars are solid. Neither gives a reward nor ends an episode. In evaluation three
 //! [`Aids`] help the agent, as in the authors' experiments.
 
 use std::collections::HashSet;
@@ -119,7 +119,7 @@ impl ObstacleCarRacing {
         self.aids = aids;
     }
 
-    /// One step; without an action it is the hidden one of a reset.
+    /// One step. Without an action it is the hidden one of a reset.
     fn step(&mut self, action: Option<[f64; 3]>) -> Outcome {
         self.n_steps += 1;
         let n_cars = self.lap.cars.len();
@@ -139,7 +139,7 @@ impl ObstacleCarRacing {
         let (chuckhole, hit) = self.meet();
 
         let mut outcome = if action.is_some() {
-            self.lap.judge()
+            self.lap.outcome()
         } else {
             self.lap.settle();
             Outcome::default()

@@ -9,7 +9,7 @@ use super::{Frame, trig};
 const RAW: usize = 96;
 /// Pixels a side of the frame that goes out.
 const SIDE: usize = 84;
-/// Input columns that one output column takes; the weights of those it does not need are 0.
+/// Input columns that one output column takes. The weights of those it does not need are 0.
 const N_TAPS: usize = 8;
 /// Bits behind the point of a weight.
 const PRECISION: u32 = 22;

@@ -48,7 +48,7 @@ impl UniformStream {
 /// Uniform choices: where the chuckholes go.
 #[derive(Clone, Debug)]
 pub enum ChoiceStream {
-    /// Our own; also for gymnasium's seeds, which know no obstacles.
+    /// Our own. Also for gymnasium's seeds, which know no obstacles.
     Native(Box<ChaCha8Rng>),
     /// Python's global `random` after `random.seed(n)`.
     Python(Box<Mt19937>),

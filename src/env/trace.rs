@@ -2,7 +2,7 @@
 
 use super::{End, Env, Events, Outcome, Seed};
 
-/// The columns of a [`Row`]; those from `x` on repeat for every car.
+/// The columns of a [`Row`]. Those from `x` on repeat for every car.
 pub const COLUMNS: [&str; 18] = [
     "a0",
     "a1",

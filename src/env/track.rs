@@ -12,7 +12,7 @@ use super::trig;
 const SCALE: f64 = 6.0;
 /// Mean radius of the track in units.
 const RADIUS: f64 = 900.0 / SCALE;
-/// Half side of the square field in units; beyond it the episode ends.
+/// Half side of the square field in units. Beyond it the episode ends.
 pub const PLAYFIELD: f64 = 2000.0 / SCALE;
 /// Distance of neighboring nodes in units.
 pub const NODE_STEP: f64 = 21.0 / SCALE;
@@ -74,7 +74,7 @@ impl Track {
         self.strip(i, -HALF_WIDTH, HALF_WIDTH)
     }
 
-    /// The corners of the kerb beside tile `i`, on the inside of the bend; paint only.
+    /// The corners of the kerb beside tile `i`, on the inside of the bend. Paint only.
     pub fn kerb(&self, i: usize) -> Option<[[f64; 2]; 4]> {
         if !self.kerbs[i] {
             return None;
@@ -87,7 +87,7 @@ impl Track {
         Some(self.strip(i, side * HALF_WIDTH, side * (HALF_WIDTH + KERB_WIDTH)))
     }
 
-    /// The part of tile `i` between two signed distances from the center line, in units; positive is right.
+    /// The part of tile `i` between two signed distances from the center line, in units. Positive is right.
     fn strip(&self, i: usize, from: f64, to: f64) -> [[f64; 2]; 4] {
         let behind = self.behind(i);
         [self.across(i, from), self.across(i, to), self.across(behind, to), self.across(behind, from)]

@@ -10,7 +10,7 @@ pub enum Trig {
     /// `libm`: the same episode on every platform.
     #[default]
     Portable,
-    /// The system's library; bit-equal to Box2D where that is glibc.
+    /// The system's library. Bit-equal to Box2D where that is glibc.
     System,
 }
 

@@ -26,7 +26,7 @@ pub struct Agreement {
 impl Agreement {
     /// That of pairs of answers, each seen from the same side, where `default` is the justification that says nothing.
     ///
-    /// Pairs with a skip, or with answers to other questions, are passed over; nothing comes where none is left.
+    /// Pairs with a skip, or with answers to other questions, are passed over. Nothing comes where none is left.
     pub fn of(pairs: &[(Response, Response)], default: Justification) -> Option<Self> {
         let between = |&(one, other): &(Response, Response)| Difference::between(one, other, default);
         let compared: Vec<_> = pairs.iter().copied().filter(|pair| between(pair).is_some()).collect();

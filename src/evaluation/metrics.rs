@@ -7,15 +7,15 @@ use crate::env::{End, Outcome};
 /// How well an episode went.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct EpisodeMetrics {
-    /// The sum of rewards; some 2800 is the best that was ever driven in Car Racing.
+    /// The sum of rewards. Some 2800 is the best that was ever driven in Car Racing.
     pub ret: f32,
     /// The share of steps that entered a new tile (success).
     pub new_tile_rate: f32,
     /// The share of steps off the road, of the steps that there were.
     pub grass_rate: f32,
-    /// Chuckholes touched, of those that came within 20 units; nothing where none came.
+    /// Chuckholes touched, of those that came within 20 units. Nothing where none came.
     pub chuckhole_rate: Option<f32>,
-    /// Cars hit, of those that came within 20 units; nothing where none came.
+    /// Cars hit, of those that came within 20 units. Nothing where none came.
     pub car_rate: Option<f32>,
     /// How long it was.
     pub n_steps: usize,
@@ -62,8 +62,8 @@ impl Tally {
 
     /// What was counted so far.
     pub fn metrics(&self) -> EpisodeMetrics {
-        // DIFFERENCE: the paper divides by the longest episode there may be, the authors' code by this one's length;
-        // we follow the code (method §14.21). The authors' rates of nothing are NaN; ours are absent (§14.23).
+        // DIFFERENCE: the paper divides by the longest episode there may be, the authors' code by this one's length.
+        // We follow the code (method §14.21). The authors' rates of nothing are NaN. Ours are absent (§14.23).
         let share = |n: usize, of: usize| (of > 0).then(|| n as f32 / of as f32);
         let of_steps = |n| share(n, self.n_steps).unwrap_or(0.0);
         let n_plans = self.plan_secs.len();
@@ -95,7 +95,7 @@ pub struct MeanSd {
 }
 
 impl MeanSd {
-    /// Of all `values` that are there and are finite numbers; nothing where none is.
+    /// Of all `values` that are there and are finite numbers. Nothing where none is.
     pub fn of(values: impl IntoIterator<Item = Option<f32>>) -> Option<Self> {
         let values: Vec<f64> =
             values.into_iter().flatten().filter(|value| value.is_finite()).map(f64::from).collect();
@@ -109,7 +109,7 @@ impl MeanSd {
     }
 }
 
-/// Several episodes together; each is absent where no episode has it.
+/// Several episodes together. Each is absent where no episode has it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Summary {
     /// How many episodes.

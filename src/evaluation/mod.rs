@@ -1,6 +1,6 @@
 //! Driving real episodes and saying how well they went (Step 4 of the method, §12).
 //!
-//! Takes a policy and returns numbers; every method drives the same tracks.
+//! Takes a policy and returns numbers. Every method drives the same tracks.
 
 pub mod agreement;
 pub mod fidelity;
@@ -54,10 +54,10 @@ pub trait Policy {
     /// The action for what is seen, unless what it is chosen by is no number.
     fn act(&mut self, frame: &Frame) -> Result<Action, NotFinite>;
 
-    /// Hears what the world was given, which an aid may have changed.
+    /// Is told which action the world was given, which an aid may have changed.
     fn acted(&mut self, executed: Action);
 
-    /// The plan that the last action came from, if it was made for that action; only such steps are timed.
+    /// The plan that the last action came from, if it was made for that action. Only such steps are timed.
     fn planned(&self) -> Option<&Plan> {
         None
     }

@@ -1,6 +1,6 @@
 //! How well a score tells two kinds apart.
 
-/// The probability that one of the wanted kind, drawn by chance, scores higher than one of the other; ties count half.
+/// The probability that one of the wanted kind, drawn by chance, scores higher than one of the other. Ties count half.
 ///
 /// The area under the receiver operating characteristic, which is Mann and Whitney's U divided by all pairs.
 /// Nothing comes where there is none of a kind.
@@ -16,7 +16,7 @@ pub fn auc(scored: &[(f64, bool)]) -> Option<f64> {
     sorted.sort_by(|a, b| a.0.total_cmp(&b.0));
     let n_wanted = sorted.iter().filter(|(_, is_wanted)| *is_wanted).count();
     let n_others = sorted.len() - n_wanted;
-    // Twice how many others lie below each wanted one; one beside it counts once.
+    // Twice how many others lie below each wanted one. One beside it counts once.
     let (mut twice, mut n_below) = (0, 0);
     for tied in sorted.chunk_by(|a, b| a.0 == b.0) {
         let wanted = tied.iter().filter(|(_, is_wanted)| *is_wanted).count();

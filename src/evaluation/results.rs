@@ -5,7 +5,7 @@ use serde_json::{Map, Value};
 use crate::evaluation::EpisodeMetrics;
 use crate::text::{decoded, objects_in, shown};
 
-/// No return, no number of steps and no time is larger than this; what is, is no measurement.
+/// No return, no number of steps and no time is larger than this. What is, is no measurement.
 const MOST: f64 = 1e9;
 /// So many notes are told one by one.
 const MOST_NOTES: usize = 5;
@@ -16,7 +16,7 @@ const BEGINNINGS: [&[u8]; 2] = [b"{\"metrics\"", b"{\"track\""];
 /// What a file of results holds.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Results {
-    /// The episodes, in order; a figure that is no number is NaN or nothing.
+    /// The episodes, in order. A figure that is no number is NaN or nothing.
     pub episodes: Vec<EpisodeMetrics>,
     /// What was passed over, in sentences.
     pub notes: Vec<String>,
@@ -26,7 +26,7 @@ impl Results {
     /// What the bytes of a file hold, as `dropj deploy --json` prints it or as a hand or another program left it: a pure
     /// function, which takes whatever bytes there are.
     ///
-    /// Objects may stand one a line, over several lines or in a list; UTF-8 and UTF-16 are read; fields of a later
+    /// Objects may stand one a line, over several lines or in a list. UTF-8 and UTF-16 are read. Fields of a later
     /// program are passed over.
     ///
     /// ```

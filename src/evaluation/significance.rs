@@ -20,7 +20,7 @@ pub struct KruskalWallis {
 pub struct Dunn {
     /// The numbers of both groups.
     pub pair: (usize, usize),
-    /// The difference of their mean ranks in standard errors; positive where the first has the greater values.
+    /// The difference of their mean ranks in standard errors. Positive where the first has the greater values.
     pub z: f64,
     /// The two-sided normal probability of such a difference, where there is none; not adjusted, as the paper's.
     pub p: f64,
@@ -72,7 +72,7 @@ struct Ranks {
     ties: f64,
 }
 
-/// The test of Kruskal and Wallis; nothing where there are fewer than two groups, one is empty, or all values are one.
+/// The test of Kruskal and Wallis. Nothing where there are fewer than two groups, one is empty, or all values are one.
 ///
 /// ```text
 /// H = [12 / (N (N + 1)) Σ R_i² / n_i − 3 (N + 1)] / [1 − Σ (τ³ − τ) / (N³ − N)]
@@ -85,7 +85,7 @@ pub fn kruskal_wallis(groups: &[&[f64]]) -> Option<KruskalWallis> {
     Some(KruskalWallis { h, df, p: chi_square_tail(h, df) })
 }
 
-/// Dunn's test of every pair, after [`kruskal_wallis`]; empty where that is nothing.
+/// Dunn's test of every pair, after [`kruskal_wallis`]. Empty where that is nothing.
 ///
 /// ```text
 /// z = (R̄_i − R̄_j) / √([N (N + 1) / 12 − Σ (τ³ − τ) / (12 (N − 1))] (1 / n_i + 1 / n_j))

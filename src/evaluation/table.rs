@@ -17,7 +17,7 @@ const COLUMNS: [Column; 7] = [
     ("plan ms", |s| s.plan_ms, 1.0, 1),
 ];
 
-/// Means ± standard deviations of each method; columns that no method has are left out.
+/// Means ± standard deviations of each method. Columns that no method has are left out.
 ///
 /// ```
 /// use dropj::evaluation::{MeanSd, Summary, table};

@@ -26,12 +26,12 @@ pub struct Agent {
 }
 
 impl Agent {
-    /// An agent at the start of an episode; `seed` decides its candidates.
+    /// An agent at the start of an episode. `seed` decides its candidates.
     pub fn new(config: PlannerConfig, seed: u64) -> Self {
         Self { config, rng: ChaCha8Rng::seed_from_u64(seed), t: 0, plan: None, last: None }
     }
 
-    /// Looks ahead as `config` says from the next plan on; how often a plan is made stays as it was.
+    /// Looks ahead as `config` says from the next plan on. How often a plan is made stays as it was.
     pub fn plan_by(&mut self, config: PlannerConfig) {
         self.config = PlannerConfig { replan: self.config.replan.min(self.config.horizon), ..config };
     }

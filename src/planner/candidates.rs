@@ -28,9 +28,9 @@ pub const N_CANDIDATES: usize = CONSTANT.len() + STAGES.len();
 
 /// The candidates in the authors' order: six constant ones, then one for each first stage.
 ///
-/// A first stage lasts n ~ U{1 … H − 1} steps; the second is drawn from the same list for the rest.
+/// A first stage lasts n ~ U{1 … H − 1} steps. The second is drawn from the same list for the rest.
 /// The generator gives n and then the second stage, candidate by candidate.
-/// `// DIFFERENCE:` the paper counts braking among the predefined sequences; in the authors' code nobody brakes throughout
+/// `// DIFFERENCE:` the paper counts braking among the predefined sequences. In the authors' code nobody brakes throughout
 /// (method §14.10), and we follow the code.
 pub fn candidates(config: &PlannerConfig, rng: &mut impl Rng) -> Vec<Vec<Action>> {
     let horizon = config.horizon;

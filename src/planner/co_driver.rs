@@ -20,12 +20,12 @@ pub struct CoDriver {
 }
 
 impl CoDriver {
-    /// A driver that has no plan yet; `seed` decides its candidates.
+    /// A driver that has no plan yet. `seed` decides its candidates.
     pub fn new(config: PlannerConfig, seed: u64) -> Self {
         Self { config, rng: ChaCha8Rng::seed_from_u64(seed), plan: None, step: 0 }
     }
 
-    /// Looks ahead as `config` says from the next plan on; that begins at once where it differs.
+    /// Looks ahead as `config` says from the next plan on. That begins at once where it differs.
     pub fn plan_by(&mut self, config: PlannerConfig) {
         if self.config != config {
             (self.config, self.plan) = (config, None);

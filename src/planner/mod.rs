@@ -1,6 +1,6 @@
 //! Driving by imagining ahead: a few courses of action, the one with the best imagined return (Step 4 of the method).
 //!
-//! A pure function of state, models and generator; only the [`Agent`] remembers.
+//! A pure function of state, models and generator. Only the [`Agent`] remembers.
 
 pub mod agent;
 pub mod candidates;
@@ -34,7 +34,7 @@ pub struct PlannerConfig {
     pub brake: f32,
     /// τ of the imagined mean. Authors' code: 0.1.
     pub temperature: f64,
-    /// After how many steps an agent forgets everything, if ever. Authors' code: 50; the paper does not say so.
+    /// After how many steps an agent forgets everything, if ever. Authors' code: 50. The paper does not say so.
     pub memory_reset: Option<usize>,
 }
 
@@ -48,7 +48,7 @@ impl PlannerConfig {
     ///
     /// `// DIFFERENCE:` within the authors' 15 steps their brake of 0.2 takes far more speed away than any gas can give. So
     /// whichever states a reward likes a little better, it finds more ways to be slow than to be fast, and some cars
-    /// crawl. With 0.08 the two are alike; 25 steps let so gentle a brake come in time. assets/results has the measurements.
+    /// crawl. With 0.08 the two are alike. 25 steps let so gentle a brake come in time. assets/results has the measurements.
     pub fn car_racing() -> Self {
         Self { horizon: 25, brake: 0.08, ..Self::paper() }
     }
@@ -76,7 +76,7 @@ pub struct Candidate {
     pub actions: Vec<Action>,
     /// The sum of the imagined rewards.
     pub predicted_return: f32,
-    /// The latents that it passes through, `[H, Z]`; the first row is the present.
+    /// The latents that it passes through, `[H, Z]`. The first row is the present.
     pub zs: Rows,
 }
 
@@ -109,15 +109,15 @@ pub fn plan(
     config: &PlannerConfig,
     rng: &mut impl Rng,
 ) -> Result<Plan, NotFinite> {
-    judge(model, reward, state, config, candidates(config, rng))
+    evaluate(model, reward, state, config, candidates(config, rng))
 }
 
-/// Imagines the courses of action `all` from `state`, which are equally long, and chooses the best.
+/// Evaluates the courses of action `all` by imagining them from `state`, which are equally long, and chooses the best.
 ///
 /// ```text
 /// return = Σ_{t=0}^{H−1} r̂(x_t, ã_t)
 /// ```
-fn judge(
+fn evaluate(
     model: &WorldModel,
     reward: &impl RewardModel,
     state: &State,
@@ -189,7 +189,7 @@ mod tests {
         let model = untrained(&WorldModelConfig::tiny(), &mut rng());
         let plan =
             plan(&model, &RightTurner, &here(&model), &PlannerConfig::car_racing(), &mut rng()).unwrap();
-        // Candidates 2 and 5 turn right throughout; the former comes first.
+        // Candidates 2 and 5 turn right throughout. The former comes first.
         assert_eq!((plan.chosen, plan.best().predicted_return), (2, 25.0));
         assert_eq!(plan.candidates[0].predicted_return, 0.0);
         assert_eq!(first_maximum(&[1.0, 3.0, 3.0, f32::NAN]), 1);
@@ -197,15 +197,15 @@ mod tests {
 
     #[test]
     fn nothing_is_chosen_by_what_is_no_number() {
-        struct Doubter;
-        impl RewardModel for Doubter {
+        struct NoNumber;
+        impl RewardModel for NoNumber {
             fn rewards(&self, _: &Tensor, scaled_actions: &Tensor) -> Tensor {
                 scaled_actions.select(-1, 0).log() // of what is below 0 it is none
             }
         }
         let model = untrained(&WorldModelConfig::tiny(), &mut rng());
         let met =
-            plan(&model, &Doubter, &here(&model), &PlannerConfig::car_racing(), &mut rng()).unwrap_err();
+            plan(&model, &NoNumber, &here(&model), &PlannerConfig::car_racing(), &mut rng()).unwrap_err();
         assert!(met.to_string().contains("course of action 1"), "{met}");
     }
 
@@ -217,7 +217,7 @@ mod tests {
         let config = PlannerConfig::car_racing();
         let together = plan(&model, &reward, &here(&model), &config, &mut rng()).unwrap();
         for one in &together.candidates {
-            let alone = judge(&model, &reward, &here(&model), &config, vec![one.actions.clone()]).unwrap();
+            let alone = evaluate(&model, &reward, &here(&model), &config, vec![one.actions.clone()]).unwrap();
             assert!((alone.best().predicted_return - one.predicted_return).abs() < 1e-4);
             let apart = alone.best().zs.values.iter().zip(&one.zs.values).map(|(a, b)| (a - b).abs());
             assert!(apart.fold(0.0, f32::max) < 1e-5, "the latents are the same too");

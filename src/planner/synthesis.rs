@@ -21,7 +21,7 @@ const N_ACTIONS: i64 = TRAJECTORY_LEN as i64 - 1;
 pub const ROUND: usize = 15;
 /// Latents seen before that novelty is measured against, at the most.
 const N_REFERENCES: usize = 1000;
-/// What every search begins with, constant throughout; one more is drawn by chance.
+/// What every search begins with, constant throughout. One more is drawn by chance.
 const BEGINNINGS: [[f32; 3]; 9] = [
     [0.0, 0.0, 0.0],
     [0.0, 0.2, 0.0],
@@ -81,9 +81,9 @@ impl SynthesisConfig {
     }
 }
 
-/// For each start the trajectory that serves its acquisition best; `seen` are the latents that labeled transitions led to.
+/// For each start the trajectory that serves its acquisition best. `seen` are the latents that labeled transitions led to.
 ///
-/// Nothing comes where `on_iteration` breaks off; where what a search wants to be small is no number, that is the error.
+/// Nothing comes where `on_iteration` breaks off. Where what a search wants to be small is no number, that is the error.
 ///
 /// `// DIFFERENCE:` all searches go on side by side, each with moments of its own, and what is kept is the actions that
 /// led to the states that are kept (method §14.30).
@@ -236,7 +236,7 @@ fn novelty_loss(zs: &Tensor, seen: &Tensor) -> Tensor {
     (-distance).exp().view([b, -1]).mean_dim(1, false, Kind::Float)
 }
 
-/// A trajectory as a dream; its last state has no action, and is given that of doing nothing.
+/// A trajectory as a dream. Its last state has no action, and is given that of doing nothing.
 fn episode(start: &LatentState, zs: &Tensor, actions: &Tensor) -> DreamEpisode {
     let zs = Rows { width: start.z.len(), values: to_vec(zs) };
     let actions = to_vec(actions).chunks_exact(Action::LEN).map(|a| Action::new(a[0], a[1], a[2])).collect();

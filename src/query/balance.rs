@@ -20,8 +20,8 @@ pub struct KnownSafety {
 }
 
 impl KnownSafety {
-    /// Takes in what was answered about a pair; some answers say nothing of safety.
-    pub fn hear(&mut self, pair: [SegmentRef; 2], response: Response) {
+    /// Records what was answered about a pair. Some answers say nothing of safety.
+    pub fn record(&mut self, pair: [SegmentRef; 2], response: Response) {
         for (segment, is_safe) in pair.into_iter().zip(response.safety().into_iter().flatten()) {
             self.clips.entry(segment.dream).or_default().insert(segment.start, is_safe);
         }
@@ -47,7 +47,7 @@ impl KnownSafety {
 
 /// A pair by chance, but of those that are likely unsafe on both sides none, and of those that are so on one only half.
 ///
-/// What is likely follows from what is `known`, and what is not known may be either; nothing comes where no dream is long
+/// What is likely follows from what is `known`, and what is not known may be either. Nothing comes where no dream is long
 /// enough.
 // DIFFERENCE: in the paper every pair is as likely as any other (method §6). Ours does so too unless this is asked for.
 pub fn sample_balanced(
@@ -80,8 +80,8 @@ mod tests {
     #[test]
     fn a_clip_is_likely_what_the_nearest_was_said_to_be() {
         let mut known = KnownSafety::default();
-        known.hear([at(100), at(160)], Response::Safety(SafetyAnswer::OnlyLeft));
-        known.hear([at(500), at(600)], Response::Skipped(None));
+        known.record([at(100), at(160)], Response::Safety(SafetyAnswer::OnlyLeft));
+        known.record([at(500), at(600)], Response::Skipped(None));
         assert_eq!([129, 131, 59].map(|start| known.guess(at(start))), [Some(true), Some(false), None]);
         assert_eq!([500, 600].map(|start| known.guess(at(start))), [None, None], "nothing was said");
         assert_eq!(known.guess(SegmentRef { dream: DreamId(1), start: 100 }), None, "nor of other dreams");
@@ -94,7 +94,7 @@ mod tests {
         for start in (0..981).step_by(20) {
             let answer =
                 if start < 500 { SafetyAnswer::Neither } else { SafetyAnswer::Both(Preference::Equal) };
-            known.hear([at(start), at(start)], Response::Safety(answer));
+            known.record([at(start), at(start)], Response::Safety(answer));
         }
         let rng = &mut ChaCha8Rng::seed_from_u64(0);
         let mut counts = [0; 3];
@@ -110,7 +110,7 @@ mod tests {
     #[test]
     fn where_all_is_known_to_be_unsafe_something_is_asked_all_the_same() {
         let mut known = KnownSafety::default();
-        known.hear([at(0), at(10)], Response::Safety(SafetyAnswer::Neither));
+        known.record([at(0), at(10)], Response::Safety(SafetyAnswer::Neither));
         let rng = &mut ChaCha8Rng::seed_from_u64(0);
         assert!(sample_balanced(&[(DreamId(0), 30)], &known, rng).is_some());
         assert_eq!(sample_balanced(&[(DreamId(0), 10)], &known, rng), None, "none is long enough");

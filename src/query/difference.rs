@@ -45,7 +45,7 @@ pub enum SafetyClaim {
 }
 
 impl SafetyClaim {
-    /// That of `response`; nothing comes where it was not asked about safety.
+    /// That of `response`. Nothing comes where it was not asked about safety.
     pub fn of(response: Response, default: Justification) -> Option<Self> {
         Some(match response {
             Response::Safety(SafetyAnswer::OnlyLeft) => Self::Safe(true, false),

@@ -27,7 +27,7 @@ pub enum JustificationError {
         /// Its weight.
         weight: f32,
     },
-    /// A justification weighs more than one that is more severe.
+    /// A justification has a larger weight than one that is more severe.
     #[error("{name:?} is less severe than {above:?}, and so cannot weigh more")]
     Order {
         /// Which one.
@@ -58,9 +58,9 @@ pub enum JustificationError {
 pub struct Justifications(Vec<(String, f32)>);
 
 impl Justifications {
-    /// Names with their weights `w_k`, the most severe first: `1 ≥ w_1 ≥ w_2 ≥ … > ½`; the default last.
+    /// Names with their weights `w_k`, the most severe first: `1 ≥ w_1 ≥ w_2 ≥ … > ½`. The default last.
     ///
-    /// The default, which is no degree of severity, may weigh anything in `(½, 1]`; the paper also tries 1 for it.
+    /// The default, which is no degree of severity, may weigh anything in `(½, 1]`. The paper also tries 1 for it.
     pub fn new<S: Into<String>>(
         named: impl IntoIterator<Item = (S, f32)>,
     ) -> Result<Self, JustificationError> {
@@ -110,7 +110,7 @@ impl Justifications {
         place.map(|i| Justification(i as u8)).ok_or_else(|| JustificationError::Unknown(name.to_owned()))
     }
 
-    /// The most severe justification among the active ones, `k* = min {k : J_k = 1}`; the default where none is.
+    /// The most severe justification among the active ones, `k* = min {k : J_k = 1}`. The default where none is.
     pub fn most_severe(&self, active: impl IntoIterator<Item = Justification>) -> Justification {
         active.into_iter().min().unwrap_or(self.default())
     }
@@ -120,7 +120,7 @@ impl Justifications {
         Justification((self.0.len() - 1) as u8)
     }
 
-    /// The weight `w_k`, in `(0.5, 1]`; that of the default for one that is not of this list.
+    /// The weight `w_k`, in `(0.5, 1]`. That of the default for one that is not of this list.
     pub fn weight(&self, justification: Justification) -> f32 {
         self.0.get(usize::from(justification.0)).unwrap_or(&self.0[self.0.len() - 1]).1
     }

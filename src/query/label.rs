@@ -32,7 +32,7 @@ impl Label {
     }
 }
 
-/// How much an answer weighs: what a researcher varies without asking anybody again.
+/// The weights of answers: what a researcher varies without asking anybody again.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Weights {

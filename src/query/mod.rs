@@ -1,7 +1,7 @@
 //! Asking a person which of two dream segments is better, and why (Step 3 of the method).
 //!
 //! Plain data: no tensor, no file, and no text that a user reads but the words of [`Label`].
-//! What is stored is what was *said*; the label μ is derived from it, so that other weights need no new answers.
+//! What is stored is what was *said*. The label μ is derived from it, so that other weights need no new answers.
 
 pub mod balance;
 pub mod difference;

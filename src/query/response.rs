@@ -12,7 +12,7 @@ pub enum Protocol {
     Drop,
     /// Left, equal or right.
     Drope,
-    /// Which clips stay safe; a preference only where both do.
+    /// Which clips stay safe. A preference only where both do.
     #[default]
     Dropj,
     /// The most severe justification that applies, and a preference (Eq. 2).
@@ -45,7 +45,7 @@ impl Protocol {
         }
     }
 
-    /// Whether it asks about single transitions; the others ask about pairs of clips.
+    /// Whether it asks about single transitions. The others ask about pairs of clips.
     pub fn is_sparse(self) -> bool {
         matches!(self, Self::Request | Self::Dros)
     }
@@ -143,7 +143,7 @@ pub enum Response {
 }
 
 impl Response {
-    /// Which clips stay safe, left and right; nothing where the answer is not about safety.
+    /// Which clips stay safe, left and right. Nothing where the answer is not about safety.
     pub fn safety(self) -> Option<[bool; 2]> {
         let Self::Safety(answer) = self else { return None };
         Some(match answer {

@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 
 /// How many steps a segment has: k of the paper (method §6).
 ///
-/// `// DIFFERENCE:` the paper writes `t … t + k`, which is k + 1 items; the authors' code has 20 rows, and so have we.
+/// `// DIFFERENCE:` the paper writes `t … t + k`, which is k + 1 items. The authors' code has 20 rows, and so have we.
 pub const SEGMENT_LEN: usize = 20;
 
 /// A dream episode of a session, numbered in the order of keeping.
@@ -41,9 +41,9 @@ pub struct Query {
 
 /// Draws `n` queries over dreams of the given lengths, numbered from `first`.
 ///
-/// All left dreams are drawn first, then all right ones, then the starts in the same order (method §6);
-/// each is uniform and with replacement.
-/// Dreams shorter than a segment are left out; where none is long enough there are no queries.
+/// All left dreams are drawn first, then all right ones, then the starts in the same order (method §6).
+/// Each is uniform and with replacement.
+/// Dreams shorter than a segment are left out. Where none is long enough there are no queries.
 pub fn sample_queries(
     dreams: &[(DreamId, usize)],
     n: usize,
@@ -56,7 +56,7 @@ pub fn sample_queries(
     }
     let lefts: Vec<_> = (0..n).map(|_| long[rng.random_range(0..long.len())]).collect();
     let rights: Vec<_> = (0..n).map(|_| long[rng.random_range(0..long.len())]).collect();
-    // DIFFERENCE: the authors never draw the last valid start; we do (method §14.32).
+    // DIFFERENCE: the authors never draw the last valid start. We do (method §14.32).
     let mut segment = |&&(dream, len): &&(DreamId, usize)| SegmentRef {
         dream,
         start: rng.random_range(0..=len - SEGMENT_LEN),

@@ -1,4 +1,4 @@
-//! What to ask about next: by chance, where the reward is of two minds, or near what a driver called unsafe.
+//! What to ask about next: by chance, where the members of the reward disagree, or near what a driver called unsafe.
 
 use rand::{Rng, RngExt as _};
 use serde::{Deserialize, Serialize};
@@ -68,7 +68,7 @@ pub fn sample_pair(dreams: &[(DreamId, usize)], rng: &mut impl Rng) -> Option<[S
     sample_queries(dreams, 1, QueryId(0), rng).first().map(|query| [query.left, query.right])
 }
 
-/// A pair of which one segment, on either side, lies near one of `marks`; nothing where no mark can be shown.
+/// A pair of which one segment, on either side, lies near one of `marks`. Nothing where no mark can be shown.
 ///
 /// It begins at the earliest two lengths before the mark, and at the latest on it: who marks a step has seen it coming,
 /// or presses a moment late.

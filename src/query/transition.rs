@@ -18,7 +18,7 @@ pub struct Transition {
     pub dream: DreamId,
     /// Where the trajectory begins that it is labeled with.
     pub first: usize,
-    /// The state that it leads from; it leads to the next one.
+    /// The state that it leads from. It leads to the next one.
     pub step: usize,
 }
 
@@ -94,7 +94,7 @@ pub struct JudgedTransition {
 pub fn sample_trajectory(dreams: &[(DreamId, usize)], rng: &mut impl Rng) -> Option<Transition> {
     let long: Vec<_> = dreams.iter().filter(|(_, len)| *len >= SEGMENT_LEN).collect();
     let &&(dream, len) = long.get(rng.random_range(0..long.len().max(1)))?;
-    // DIFFERENCE: the authors never draw the last valid start; we do, as for segments.
+    // DIFFERENCE: the authors never draw the last valid start. We do, as for segments.
     let first = rng.random_range(0..=len.saturating_sub(TRAJECTORY_LEN));
     Some(Transition { dream, first, step: first })
 }

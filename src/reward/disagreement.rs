@@ -1,4 +1,4 @@
-//! Where the members of an ensemble are of two minds, so that an answer would teach most.
+//! Where the members of an ensemble disagree, so that most would be learned from an answer.
 
 use tch::Tensor;
 

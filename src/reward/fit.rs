@@ -15,7 +15,7 @@ use crate::reward::{RewardConfig, RewardEnsemble};
 use crate::tensor::adam::pytorch_adam;
 use crate::tensor::{NotFinite, dims, from_slice, require_finite, to_vec};
 
-/// How many answers the recent figures look back on.
+/// How many answers the recent metrics look back on.
 pub const RECENT: usize = 50;
 /// Two segments as the ensemble reads them, and which is better: the triple (σ⁰, σ¹, μ) of the paper.
 #[derive(Clone, Debug, PartialEq)]
@@ -63,8 +63,8 @@ pub struct Trainer {
     ensemble: RewardEnsemble,
     adam: nn::Optimizer,
     pairs: Vec<Pair>,
-    /// What was foretold of each answer, where it was.
-    foretold: Vec<Option<Prediction>>,
+    /// The prediction of each answer, where one was made.
+    predictions: Vec<Option<Prediction>>,
 }
 
 /// A [`SegmentPair`] in the ensemble's arithmetic.
@@ -84,7 +84,7 @@ impl Clone for Pair {
 impl Trainer {
     /// A trainer that goes on with `ensemble` and knows no answers yet.
     pub fn new(ensemble: RewardEnsemble) -> Self {
-        Self { adam: ensemble.adam(), ensemble, pairs: Vec::new(), foretold: Vec::new() }
+        Self { adam: ensemble.adam(), ensemble, pairs: Vec::new(), predictions: Vec::new() }
     }
 
     /// The ensemble as it stands.
@@ -97,69 +97,69 @@ impl Trainer {
         self.pairs.len()
     }
 
-    /// Takes up an answer, after foretelling it as is returned: learned from is it only in the steps to come.
+    /// Predicts an answer, then adds it. It is learned from only in the steps to come.
     ///
     /// # Panics
     /// Where the segments are not [`SEGMENT_LEN`] rows of the ensemble's width.
-    pub fn learn(&mut self, pair: &SegmentPair) -> Prediction {
-        self.take_up(pair);
+    pub fn predict_and_add(&mut self, pair: &SegmentPair) -> Prediction {
+        self.add(pair);
         let idx = self.pairs.len() - 1;
-        let foretold = self.foretell(&self.pairs[idx]);
-        self.foretold[idx] = Some(foretold);
-        foretold
+        let prediction = self.predict(&self.pairs[idx]);
+        self.predictions[idx] = Some(prediction);
+        prediction
     }
 
-    /// Takes up an answer and foretells nothing, as where the ensemble has learned too little for that.
+    /// Adds an answer without a prediction, as where the ensemble has learned too little for one.
     ///
     /// # Panics
     /// Where the segments are not [`SEGMENT_LEN`] rows of the ensemble's width.
-    pub fn take_up(&mut self, pair: &SegmentPair) {
+    pub fn add(&mut self, pair: &SegmentPair) {
         let shape = [SEGMENT_LEN as i64, self.ensemble.row_len()];
         let rows = Tensor::stack(&[from_slice(&pair.left, &shape), from_slice(&pair.right, &shape)], 0);
         self.pairs.push(Pair { rows: rows.to_kind(self.ensemble.kind), label: pair.label });
-        self.foretold.push(None);
+        self.predictions.push(None);
     }
 
-    /// Changes what was answered at `idx`; what was foretold of it stays, for now it is no longer new.
+    /// Changes what was answered at `idx`. Its prediction stays, for now it is no longer new.
     ///
     /// # Panics
     /// Where there is no answer.
     pub fn relabel(&mut self, idx: usize, label: Label) {
         self.pairs[idx].label = label;
-        if let Some(foretold) = &mut self.foretold[idx] {
-            foretold.label = label;
+        if let Some(prediction) = &mut self.predictions[idx] {
+            prediction.label = label;
         }
     }
 
-    /// Goes on with the ensemble of `fitted`; answers, and what was foretold of them, stay.
+    /// Goes on with the ensemble of `fitted`. Answers and their predictions stay.
     pub fn adopt(&mut self, fitted: Self) {
         (self.ensemble, self.adam) = (fitted.ensemble, fitted.adam);
     }
 
-    /// Drops the answer at `idx`, in the order of taking up; what it has taught so far stays until the next fit.
+    /// Removes the answer at `idx`, in the order of adding. What was learned from it stays until the next fit.
     ///
     /// # Panics
     /// Where there is none.
-    pub fn forget(&mut self, idx: usize) {
+    pub fn remove(&mut self, idx: usize) {
         self.pairs.remove(idx);
-        self.foretold.remove(idx);
+        self.predictions.remove(idx);
     }
 
-    /// How well the last [`RECENT`] answers were foretold before they were learned.
+    /// How well the last [`RECENT`] answers were predicted before they were learned.
     pub fn recent(&self) -> Option<PredictionMetrics> {
-        let foretold: Vec<_> = self.foretold.iter().flatten().copied().collect();
-        PredictionMetrics::of(&foretold[foretold.len().saturating_sub(RECENT)..])
+        let predictions: Vec<_> = self.predictions.iter().flatten().copied().collect();
+        PredictionMetrics::of(&predictions[predictions.len().saturating_sub(RECENT)..])
     }
 
-    /// How well all answers were foretold before they were learned.
+    /// How well all answers were predicted before they were learned.
     pub fn overall(&self) -> Option<PredictionMetrics> {
-        PredictionMetrics::of(&self.foretold.iter().flatten().copied().collect::<Vec<_>>())
+        PredictionMetrics::of(&self.predictions.iter().flatten().copied().collect::<Vec<_>>())
     }
 
     /// Fits a fresh ensemble to all answers, as the authors do: no validation split, a fixed number of steps.
     ///
-    /// Stops early, keeping what it has, where `on_epoch` breaks; and fails at the first loss that is no number, after which
-    /// nothing that it has is worth keeping.
+    /// Stops early, keeping what it has, where `on_epoch` breaks. Fails at the first loss that is no number: after that
+    /// nothing it has is worth keeping.
     pub fn fit(
         &mut self,
         rng: &mut impl Rng,
@@ -195,7 +195,7 @@ impl Trainer {
         losses
     }
 
-    /// Fits a fresh ensemble to all but `fraction` of the answers and says how well it foretells those.
+    /// Fits a fresh ensemble to all but `fraction` of the answers and says how well it predicts those.
     ///
     /// Nothing where `on_epoch` breaks, or where there are too few answers to split.
     pub fn held_out(
@@ -214,10 +214,10 @@ impl Trainer {
         if rest.fit(rng, on_epoch)?.is_break() {
             return Ok(None);
         }
-        Ok(PredictionMetrics::of(&held_out.iter().map(|pair| rest.foretell(pair)).collect::<Vec<_>>()))
+        Ok(PredictionMetrics::of(&held_out.iter().map(|pair| rest.predict(pair)).collect::<Vec<_>>()))
     }
 
-    /// A fresh ensemble that thinks nothing of any state yet.
+    /// A fresh ensemble whose reward is 0 everywhere.
     fn begin_anew(&mut self, rng: &mut impl Rng) {
         self.ensemble = self.ensemble.fresh(rng);
         // DIFFERENCE: the authors begin with outputs as drawn: likes and dislikes by chance, which a short fit keeps.
@@ -248,7 +248,7 @@ impl Trainer {
     }
 
     /// What the mean of the members expects of `pair`.
-    fn foretell(&self, pair: &Pair) -> Prediction {
+    fn predict(&self, pair: &Pair) -> Prediction {
         let e = self.ensemble.config.members;
         let returns = tch::no_grad(|| {
             let rows = pair.rows.unsqueeze(0).unsqueeze(0); // [1, 1, 2, k, F + A]
@@ -340,7 +340,7 @@ mod tests {
         let mut trainer = Trainer::new(RewardEnsemble::new(F, "sha256:0", config, &mut rng(0)));
         for i in 0..8 {
             let answer = if i % 3 == 0 { SafetyAnswer::OnlyLeft } else { SafetyAnswer::OnlyRight };
-            trainer.learn(&pair(answer, i));
+            trainer.predict_and_add(&pair(answer, i));
         }
         trainer
     }
@@ -372,7 +372,7 @@ mod tests {
             ControlFlow::Continue(())
         });
         assert!(done.unwrap().is_continue() && last.iter().all(|loss| *loss < 0.1), "{last:?}");
-        let all: Vec<_> = trainer.pairs.iter().map(|pair| trainer.foretell(pair)).collect();
+        let all: Vec<_> = trainer.pairs.iter().map(|pair| trainer.predict(pair)).collect();
         assert_eq!(PredictionMetrics::of(&all).unwrap().agreement, Some(1.0));
     }
 
@@ -413,7 +413,7 @@ mod tests {
         let mut trainer = trainer(RewardConfig::tiny());
         let odd =
             SegmentPair { left: vec![f32::NAN; 20 * (F as usize + 3)], ..pair(SafetyAnswer::OnlyLeft, 9) };
-        trainer.take_up(&odd);
+        trainer.add(&odd);
         let mut n_epochs = 0;
         let met = trainer.fit(&mut rng(0), |_| {
             n_epochs += 1;
@@ -428,40 +428,40 @@ mod tests {
     fn an_answer_is_foretold_before_it_is_learned() {
         let mut trainer = trainer(RewardConfig::tiny());
         let surprising = pair(SafetyAnswer::OnlyLeft, 99);
-        let p = trainer.foretell(&Pair {
+        let p = trainer.predict(&Pair {
             rows: from_slice(&[surprising.left.clone(), surprising.right.clone()].concat(), &[2, 20, F + 3]),
             label: surprising.label,
         });
-        trainer.learn(&surprising);
+        trainer.predict_and_add(&surprising);
         (0..50).for_each(|_| drop(trainer.epoch(&mut rng(0))));
-        let foretold = trainer.foretold[8].unwrap();
-        assert!((foretold.p - p.p).abs() < 1e-2, "later steps do not change what was foretold");
-        assert_eq!(trainer.overall().map(|figures| figures.n), Some(9));
+        let before = trainer.predictions[8].unwrap();
+        assert!((before.p - p.p).abs() < 1e-2, "later steps do not change a prediction");
+        assert_eq!(trainer.overall().map(|metrics| metrics.n), Some(9));
     }
 
     #[test]
     fn a_forgotten_answer_counts_no_more() {
         let mut trainer = trainer(RewardConfig::tiny());
-        trainer.forget(0);
-        assert_eq!((trainer.n_labels(), trainer.overall().map(|figures| figures.n)), (7, Some(7)));
+        trainer.remove(0);
+        assert_eq!((trainer.n_labels(), trainer.overall().map(|metrics| metrics.n)), (7, Some(7)));
     }
 
     #[test]
     fn a_changed_answer_was_foretold_when_it_was_new() {
         let mut trainer = trainer(RewardConfig::tiny());
-        let before = trainer.foretold[3].unwrap();
+        let before = trainer.predictions[3].unwrap();
         trainer.relabel(3, Label::EQUAL);
-        assert_eq!(trainer.foretold[3], Some(Prediction { label: Label::EQUAL, ..before }));
-        trainer.take_up(&pair(SafetyAnswer::OnlyLeft, 9));
+        assert_eq!(trainer.predictions[3], Some(Prediction { label: Label::EQUAL, ..before }));
+        trainer.add(&pair(SafetyAnswer::OnlyLeft, 9));
         trainer.adopt(Trainer::new(RewardEnsemble::new(F, "sha256:0", RewardConfig::tiny(), &mut rng(1))));
-        assert_eq!((trainer.n_labels(), trainer.overall().map(|figures| figures.n)), (9, Some(8)));
+        assert_eq!((trainer.n_labels(), trainer.overall().map(|metrics| metrics.n)), (9, Some(8)));
     }
 
     #[test]
     fn answers_can_be_held_out() {
         let trainer = trainer(RewardConfig::tiny());
-        let figures = trainer.held_out(0.25, &mut rng(0), |_| ControlFlow::Continue(()));
-        assert_eq!(figures.unwrap().map(|figures| figures.n), Some(2));
+        let metrics = trainer.held_out(0.25, &mut rng(0), |_| ControlFlow::Continue(()));
+        assert_eq!(metrics.unwrap().map(|metrics| metrics.n), Some(2));
         assert_eq!(trainer.held_out(0.0, &mut rng(0), |_| ControlFlow::Continue(())), Ok(None));
     }
 
@@ -498,8 +498,8 @@ mod tests {
     #[test]
     fn an_equal_answer_pulls_returns_together() {
         let mut trainer = Trainer::new(RewardEnsemble::new(F, "sha256:0", RewardConfig::tiny(), &mut rng(0)));
-        trainer.learn(&pair(SafetyAnswer::Both(Preference::Equal), 4));
-        let apart = |trainer: &Trainer| (trainer.foretell(&trainer.pairs[0]).p - 0.5).abs();
+        trainer.predict_and_add(&pair(SafetyAnswer::Both(Preference::Equal), 4));
+        let apart = |trainer: &Trainer| (trainer.predict(&trainer.pairs[0]).p - 0.5).abs();
         let before = apart(&trainer);
         (0..20).for_each(|_| drop(trainer.epoch(&mut rng(0))));
         assert!(apart(&trainer) < before, "{} and {before}", apart(&trainer));

@@ -1,4 +1,4 @@
-//! A reward that has learned enough and only judges: what a planner asks four hundred times an episode.
+//! A reward laid out for inference: a planner asks for it four hundred times an episode.
 
 use tch::{Kind, Tensor};
 

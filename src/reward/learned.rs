@@ -16,7 +16,7 @@ pub enum RewardKind {
 }
 
 impl RewardKind {
-    /// The kind of the reward in `parameters`, by their header; nothing where they hold no reward.
+    /// The kind of the reward in `parameters`, by their header. Nothing where they hold no reward.
     pub fn of(parameters: &Parameters) -> Option<Self> {
         if parameters.metadata(SparseReward::KEY).is_some() {
             Some(Self::Verdicts)

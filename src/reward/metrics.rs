@@ -1,4 +1,4 @@
-//! How well a reward foretells answers that it has not learned from.
+//! How well a reward predicts answers that it has not learned from.
 
 use serde::{Deserialize, Serialize};
 
@@ -13,32 +13,32 @@ pub struct Prediction {
     pub label: Label,
 }
 
-/// How well answers were foretold.
+/// How well answers were predicted.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct PredictionMetrics {
     /// How many answers there were.
     pub n: usize,
-    /// The mean of −[μ ln p + (1 − μ) ln(1 − p)], in nats; ln 2 is knowing nothing.
+    /// The mean of −[μ ln p + (1 − μ) ln(1 − p)], in nats. It is ln 2 where nothing is known.
     pub log_loss: f64,
-    /// The least that `log_loss` could be: soft labels are not foretold for nothing.
+    /// The least that `log_loss` could be: the entropy of soft labels.
     pub floor: f64,
     /// How many answers named a better side: μ is not ½.
     pub n_strict: usize,
-    /// The share of those whose side was foretold: p and μ on the same side of ½.
+    /// The share of those whose side was predicted: p and μ on the same side of ½.
     ///
-    /// Answers that named no side do not count, and foretelling neither (p = ½) is wrong.
+    /// Answers that named no side do not count, and predicting neither (p = ½) is wrong.
     pub agreement: Option<f64>,
 }
 
 impl PredictionMetrics {
-    /// The figures over `foretold`, or nothing where there is none.
-    pub fn of(foretold: &[Prediction]) -> Option<Self> {
-        let n = foretold.len();
+    /// The metrics of `predictions`, or nothing where there is none.
+    pub fn of(predictions: &[Prediction]) -> Option<Self> {
+        let n = predictions.len();
         if n == 0 {
             return None;
         }
-        let mean = |loss: fn(&Prediction) -> f64| foretold.iter().map(loss).sum::<f64>() / n as f64;
-        let strict: Vec<_> = foretold.iter().filter(|f| f.label != Label::EQUAL).collect();
+        let mean = |loss: fn(&Prediction) -> f64| predictions.iter().map(loss).sum::<f64>() / n as f64;
+        let strict: Vec<_> = predictions.iter().filter(|f| f.label != Label::EQUAL).collect();
         let n_agreed = strict.iter().filter(|f| (f.p - 0.5) * (f64::from(f.label.mu()) - 0.5) > 0.0).count();
         Some(Self {
             n,
@@ -67,10 +67,10 @@ mod tests {
 
     #[test]
     fn knowing_nothing_costs_the_logarithm_of_two() {
-        let foretold = Prediction { p: 0.5, label: label(SafetyAnswer::OnlyLeft) };
-        let figures = PredictionMetrics::of(&[foretold]).unwrap();
-        assert!((figures.log_loss - std::f64::consts::LN_2).abs() < 1e-12);
-        assert_eq!((figures.floor, figures.agreement), (0.0, Some(0.0)));
+        let prediction = Prediction { p: 0.5, label: label(SafetyAnswer::OnlyLeft) };
+        let metrics = PredictionMetrics::of(&[prediction]).unwrap();
+        assert!((metrics.log_loss - std::f64::consts::LN_2).abs() < 1e-12);
+        assert_eq!((metrics.floor, metrics.agreement), (0.0, Some(0.0)));
         assert_eq!(PredictionMetrics::of(&[]), None);
     }
 
@@ -79,7 +79,7 @@ mod tests {
         let right = Prediction { p: 0.4, label: label(SafetyAnswer::Both(Preference::Right)) };
         let wrong = Prediction { p: 0.4, label: label(SafetyAnswer::OnlyLeft) };
         let neither = Prediction { p: 0.4, label: label(SafetyAnswer::Neither) };
-        let figures = PredictionMetrics::of(&[right, wrong, neither]).unwrap();
-        assert_eq!((figures.n, figures.n_strict, figures.agreement), (3, 2, Some(0.5)));
+        let metrics = PredictionMetrics::of(&[right, wrong, neither]).unwrap();
+        assert_eq!((metrics.n, metrics.n_strict, metrics.agreement), (3, 2, Some(0.5)));
     }
 }

@@ -34,7 +34,7 @@ pub use preference_fit::{Fitted, fit_anew, predict_held_out};
 pub use sparse::{SparseConfig, SparseReward, transition_row};
 pub use sparse_fit::{HeldOut, SparseFit, fit_sparse_anew};
 
-/// The most that a fit goes through all labels, as in the authors' code for Car Racing: few labels are soon known by heart.
+/// The most that a fit goes through all labels, as in the authors' code for Car Racing: few labels are soon overfitted.
 const MAX_EPOCHS: usize = 60;
 
 /// The shape of a [`RewardEnsemble`], and how it is fitted (method §8).
@@ -51,7 +51,7 @@ pub struct RewardConfig {
     pub updates: usize,
     /// Labels in a batch. Paper: 128.
     pub batch: usize,
-    /// Adam's step at the start; it falls to zero in a straight line. Paper: 3e-4 throughout.
+    /// Adam's step at the start. It falls to zero in a straight line. Paper: 3e-4 throughout.
     pub learning_rate: f64,
 }
 
@@ -59,7 +59,7 @@ impl RewardConfig {
     /// The paper's ensemble for Car Racing: 272 129 parameters a member.
     pub fn car_racing() -> Self {
         // DIFFERENCE: the authors' code goes through all labels 60 times, 180 updates for their 342 labels, at one rate.
-        // After so many, ours foretell held-out answers worse than before, and how a fit drives hangs on chance; after
+        // After so many, ours predict held-out answers worse than before, and how a fit drives hangs on chance. After
         // fewer, at a falling rate, it does so less.
         Self { members: 3, hidden: 256, layers: 3, updates: 100, batch: 128, learning_rate: 3e-4 }
     }
@@ -95,7 +95,7 @@ pub trait RewardModel {
     fn rewards(&self, features: &Tensor, scaled_actions: &Tensor) -> Tensor;
 }
 
-/// Networks that were begun differently and taught the same; the reward is their mean.
+/// Networks that were begun differently and trained on the same. The reward is their mean.
 ///
 /// ```text
 /// r̂ = 1/E Σ_e tanh(member_e([x | ã]))
@@ -108,7 +108,7 @@ pub struct RewardEnsemble {
     config: RewardConfig,
     n_features: i64,
     world_model: String,
-    /// The arithmetic of the products; parameters, their gradients and the returns are in full precision always.
+    /// The arithmetic of the products. Parameters, their gradients and the returns are in full precision always.
     kind: Kind,
     store: nn::VarStore,
     layers: Vec<Layer>,
@@ -169,7 +169,7 @@ struct Header<C> {
 }
 
 impl<C: Serialize + for<'de> Deserialize<'de>> Header<C> {
-    /// The layout and the header of `parameters`, under `key`; `check` says whether its configuration can be.
+    /// The layout and the header of `parameters`, under `key`. `check` says whether its configuration can be.
     fn of(
         parameters: &Parameters,
         key: &str,
@@ -241,7 +241,7 @@ impl RewardEnsemble {
         tch::no_grad(|| drop([weight.zero_(), bias.zero_()]));
     }
 
-    /// The ensemble whose networks `parameters` hold; their header says which they are.
+    /// The ensemble whose networks `parameters` hold. Their header says which they are.
     pub fn load(parameters: &Parameters) -> Result<Self, RewardError> {
         let (layout, header) = Header::of(parameters, Self::KEY, RewardConfig::check)?;
         let slots = Self::slots(&header.config, header.n_features);
@@ -278,7 +278,7 @@ impl RewardEnsemble {
         Parameters::stored(&[(Self::KEY, &self.store, &slots)], &[(Self::KEY, described(&header))])
     }
 
-    /// The same ensemble with its products computed in `kind`; where nothing is said it is [`fast_kind`].
+    /// The same ensemble with its products computed in `kind`. Where nothing is said it is [`fast_kind`].
     #[must_use]
     pub fn in_kind(self, kind: Kind) -> Self {
         Self { kind, ..self }

@@ -22,7 +22,7 @@ pub struct Fitted {
 /// Fits a fresh ensemble over the features of `model` to all `labels`, in the order of asking.
 ///
 /// The same labels and `seed` give the same reward, in whatever order the labels stand here.
-/// Nothing comes where `on_epoch` breaks; where a segment has no rows, or a loss is no number, that is the error.
+/// Nothing comes where `on_epoch` breaks. Where a segment has no rows, or a loss is no number, that is the error.
 ///
 /// # Shapes
 /// - `rows`: those of a segment, `[k, F + A]`, as [`segment_rows`](crate::reward::segment_rows) makes them
@@ -35,7 +35,7 @@ pub fn fit_anew<E: From<NotFinite>>(
     mut on_epoch: impl FnMut(&EpochReport) -> ControlFlow<()>,
 ) -> Result<Option<Fitted>, E> {
     let rng = &mut ChaCha8Rng::seed_from_u64(seed);
-    let mut trainer = taught(model, config, labels, &mut rows, rng)?;
+    let mut trainer = trainer_over(model, config, labels, &mut rows, rng)?;
     let mut losses = Vec::new();
     let done = trainer.fit(rng, |report| {
         losses = report.losses.iter().map(|loss| *loss as f32).collect();
@@ -44,7 +44,7 @@ pub fn fit_anew<E: From<NotFinite>>(
     Ok(done.is_continue().then_some(Fitted { trainer, losses }))
 }
 
-/// How well an ensemble that [`fit_anew`] would fit to all but `fraction` of `labels` foretells those.
+/// How well an ensemble that [`fit_anew`] would fit to all but `fraction` of `labels` predicts those.
 ///
 /// Nothing where there are too few answers to hold any out.
 pub fn predict_held_out<E: From<NotFinite>>(
@@ -56,12 +56,12 @@ pub fn predict_held_out<E: From<NotFinite>>(
     fraction: f64,
 ) -> Result<Option<PredictionMetrics>, E> {
     let rng = &mut ChaCha8Rng::seed_from_u64(seed);
-    let trainer = taught(model, config, labels, &mut rows, rng)?;
+    let trainer = trainer_over(model, config, labels, &mut rows, rng)?;
     Ok(trainer.held_out(fraction, rng, |_| ControlFlow::Continue(()))?)
 }
 
-/// A trainer that has taken up `labels` in the order of asking.
-fn taught<E>(
+/// A trainer over `labels`, in the order of asking.
+fn trainer_over<E>(
     model: &WorldModel,
     config: RewardConfig,
     labels: &[LabeledQuery],
@@ -73,7 +73,7 @@ fn taught<E>(
     let mut labels = labels.to_vec();
     labels.sort_by_key(|labeled| labeled.query.id);
     for LabeledQuery { query, label } in labels {
-        trainer.take_up(&SegmentPair { left: rows(query.left)?, right: rows(query.right)?, label });
+        trainer.add(&SegmentPair { left: rows(query.left)?, right: rows(query.right)?, label });
     }
     Ok(trainer)
 }

@@ -47,7 +47,7 @@ pub struct SparseConfig {
     pub updates: usize,
     /// The share of verdicts that is held out: 0.2 for DROS, 0.01 for ReQueST.
     pub held_out: f64,
-    /// Whether the networks of the epoch that foretold the held out ones best are kept, or else the last ones.
+    /// Whether the networks of the epoch that predicted the held out ones best are kept, or else the last ones.
     pub keeps_best: bool,
     /// Whose rules are followed.
     pub rules: Rules,
@@ -63,8 +63,8 @@ impl SparseConfig {
             batch: 32,
             learning_rate: 1e-3,
             epochs: 200,
-            // DIFFERENCE: the authors take 200 passes, 11 000 steps for their 2205 labels; somebody waits here, and the
-            // state that foretells best what is held out is kept anyway.
+            // DIFFERENCE: the authors take 200 passes, 11 000 steps for their 2205 labels. Somebody waits here, and the
+            // state that predicts best what is held out is kept anyway.
             updates: 2000,
             held_out: 0.2,
             keeps_best: true,
@@ -144,7 +144,7 @@ impl SparseReward {
         Self { config, n_features, world_model: world_model.to_owned(), kind: Kind::Float, store, layers }
     }
 
-    /// The ensemble whose networks `parameters` hold; their header says which they are.
+    /// The ensemble whose networks `parameters` hold. Their header says which they are.
     pub fn load(parameters: &Parameters) -> Result<Self, RewardError> {
         let (layout, header) = Header::of(parameters, Self::KEY, SparseConfig::check)?;
         let slots = Self::slots(&header.config, header.n_features);
@@ -320,7 +320,7 @@ pub(super) fn balanced_losses(logits: &Tensor, classes: &Tensor, weights: &Tenso
 
 /// Rows and classes to learn from.
 #[derive(Debug)]
-pub(super) struct Lesson {
+pub(super) struct Examples {
     /// `[N, F + A]`.
     pub(super) rows: Tensor,
     /// `[N]`.
@@ -328,7 +328,7 @@ pub(super) struct Lesson {
     pub(super) n: usize,
 }
 
-impl Lesson {
+impl Examples {
     pub(super) fn of(rows: &[Vec<f32>], verdicts: &[Verdict]) -> Self {
         let (n, width) = (rows.len(), rows.first().map_or(0, Vec::len));
         let classes: Vec<i64> = verdicts.iter().map(|verdict| verdict.class() as i64).collect();
@@ -369,7 +369,7 @@ mod tests {
 
     #[test]
     fn the_joint_loss_and_its_gradient_are_those_by_hand() {
-        // Two members whose logits average to (1, 0, 0); the class is the first.
+        // Two members whose logits average to (1, 0, 0). The class is the first.
         let logits =
             Tensor::from_slice(&[2.0f32, 0.0, 0.0, 0.0, 0.0, 0.0]).view([2, 1, 3]).set_requires_grad(true);
         let loss = joint_loss(&logits, &Tensor::from_slice(&[0i64]));
@@ -385,16 +385,16 @@ mod tests {
     #[test]
     fn apart_each_member_has_its_own_loss_in_which_classes_count_alike() {
         // Three of the second class and one of the third: weights 4/9 and 4/3.
-        let lesson = Lesson::of(
+        let examples = Examples::of(
             &vec![vec![0.0]; 4],
             &[Verdict::Neutral, Verdict::Neutral, Verdict::Good, Verdict::Neutral],
         );
-        close(&to_vec(&lesson.weights()), &[0.0, 4.0 / 9.0, 4.0 / 3.0]);
-        // The first member knows nothing; the second gives the second class twice the odds of each other.
+        close(&to_vec(&examples.weights()), &[0.0, 4.0 / 9.0, 4.0 / 3.0]);
+        // The first member knows nothing. The second gives the second class twice the odds of each other.
         let knows = [0.0, 2.0f32.ln(), 0.0].repeat(4);
         let logits = from_slice(&[vec![0.0; 12], knows].concat(), &[2, 4, 3]);
-        let classes = lesson.classes.unsqueeze(0).expand([2, -1], false);
-        let losses = balanced_losses(&logits, &classes, &lesson.weights());
+        let classes = examples.classes.unsqueeze(0).expand([2, -1], false);
+        let losses = balanced_losses(&logits, &classes, &examples.weights());
         // Both classes weigh one half: ln 3; and ½ ln 2 + ½ ln 4.
         close(&to_vec(&losses), &[3.0f32.ln(), 1.5 * 2.0f32.ln()]);
     }

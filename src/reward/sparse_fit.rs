@@ -10,13 +10,13 @@ use tch::{Kind, Tensor};
 use crate::query::{JudgedTransition, Transition};
 use crate::reward::EpochReport;
 use crate::reward::fit::require_losses;
-use crate::reward::sparse::{Lesson, Rules, SparseConfig, SparseReward, balanced_losses, joint_loss};
+use crate::reward::sparse::{Examples, Rules, SparseConfig, SparseReward, balanced_losses, joint_loss};
 use crate::tensor::adam::pytorch_adam;
 use crate::tensor::{NotFinite, require_finite, to_vec};
 use crate::world_model::WorldModel;
 
-/// Held out verdicts are foretold once in so many epochs (method §9).
-const LOOK_EVERY: usize = 5;
+/// Held out verdicts are predicted once in so many epochs (method §9).
+const EVALUATE_EVERY: usize = 5;
 
 /// A classifier that was fitted to the end.
 #[derive(Debug)]
@@ -25,11 +25,11 @@ pub struct SparseFit {
     pub reward: SparseReward,
     /// The last loss: one of all members together, or one of each.
     pub losses: Vec<f32>,
-    /// How well held out verdicts were foretold by those networks, where some were held out.
+    /// How well those networks predict held out verdicts, where some were held out.
     pub held_out: Option<HeldOut>,
 }
 
-/// How well verdicts were foretold that were not learned.
+/// How well verdicts were predicted that were not learned.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct HeldOut {
     /// How many there were.
@@ -43,7 +43,7 @@ pub struct HeldOut {
 /// Fits a fresh classifier over the features of `model` to all verdicts but those held out, in the order of asking.
 ///
 /// The same verdicts and `seed` give the same networks, in whatever order they stand here.
-/// Nothing comes where `on_epoch` breaks; where a transition has no row, or a loss is no number, that is the error.
+/// Nothing comes where `on_epoch` breaks. Where a transition has no row, or a loss is no number, that is the error.
 ///
 /// # Shapes
 /// - `row`: that of a transition, `[F + A]`, as [`transition_row`](crate::reward::transition_row) makes it
@@ -58,46 +58,47 @@ pub fn fit_sparse_anew<E: From<NotFinite>>(
     let rng = &mut ChaCha8Rng::seed_from_u64(seed);
     let mut judged = judged.to_vec();
     judged.sort_by_key(|judged| judged.query);
-    let mut taught = Vec::new();
+    let mut examples = Vec::new();
     for JudgedTransition { transition, verdict, .. } in judged {
-        taught.push((row(transition)?, verdict));
+        examples.push((row(transition)?, verdict));
     }
     let reward = SparseReward::new(model.config().n_features(), &model.hash(), config, rng);
-    Ok(fit(reward, taught, rng, on_epoch)?)
+    Ok(fit(reward, examples, rng, on_epoch)?)
 }
 
 fn fit(
     mut reward: SparseReward,
-    mut taught: Vec<(Vec<f32>, crate::query::Verdict)>,
+    mut examples: Vec<(Vec<f32>, crate::query::Verdict)>,
     rng: &mut ChaCha8Rng,
     mut on_epoch: impl FnMut(&EpochReport) -> ControlFlow<()>,
 ) -> Result<Option<SparseFit>, NotFinite> {
     let config = reward.config.clone();
-    taught.shuffle(rng);
-    let n_held_out = (config.held_out * taught.len() as f64).round() as usize;
-    let held_out = lesson(taught.split_off(taught.len() - n_held_out.min(taught.len().saturating_sub(1))));
-    let lesson = lesson(taught);
-    let (weights, mut adam) = (lesson.weights(), pytorch_adam(&reward.store, config.learning_rate));
-    let n_epochs = config.epochs(lesson.n);
+    examples.shuffle(rng);
+    let n_held_out = (config.held_out * examples.len() as f64).round() as usize;
+    let held_out =
+        examples_of(examples.split_off(examples.len() - n_held_out.min(examples.len().saturating_sub(1))));
+    let training = examples_of(examples);
+    let (weights, mut adam) = (training.weights(), pytorch_adam(&reward.store, config.learning_rate));
+    let n_epochs = config.epochs(training.n);
     let (mut best, mut losses) = (None::<(HeldOut, crate::tensor::Parameters)>, Vec::new());
     for epoch in 1..=n_epochs {
         let n_losses = if config.rules == Rules::Joint { 1 } else { config.members as usize };
         let mut means = vec![0.0; n_losses];
-        let orders: Vec<Tensor> = (0..n_losses).map(|_| order(lesson.n, rng)).collect();
-        for start in (0..lesson.n).step_by(config.batch) {
-            let len = config.batch.min(lesson.n - start) as i64;
+        let orders: Vec<Tensor> = (0..n_losses).map(|_| order(training.n, rng)).collect();
+        for start in (0..training.n).step_by(config.batch) {
+            let len = config.batch.min(training.n - start) as i64;
             let picks: Vec<_> = orders.iter().map(|order| order.narrow(0, start as i64, len)).collect();
-            let of_step = step(&reward, &lesson, &weights, &picks);
+            let of_step = step(&reward, &training, &weights, &picks);
             adam.backward_step(&of_step.sum(Kind::Float));
             for (mean, loss) in means.iter_mut().zip(to_vec(&of_step.detach())) {
-                *mean += f64::from(loss) * len as f64 / lesson.n as f64;
+                *mean += f64::from(loss) * len as f64 / training.n as f64;
             }
         }
         require_losses(&means, epoch, "the classifier")?;
         losses = means.iter().map(|loss| *loss as f32).collect();
-        let is_time = epoch % LOOK_EVERY == 0 || epoch == n_epochs;
+        let is_time = epoch % EVALUATE_EVERY == 0 || epoch == n_epochs;
         if is_time && held_out.n > 0 {
-            let found = foretell(&reward, &held_out);
+            let found = evaluate(&reward, &held_out);
             if best.as_ref().is_none_or(|(best, _)| found.loss < best.loss || !config.keeps_best) {
                 best = Some((found, reward.parameters()));
             }
@@ -114,9 +115,9 @@ fn fit(
     Ok(Some(SparseFit { reward, losses, held_out }))
 }
 
-fn lesson(taught: Vec<(Vec<f32>, crate::query::Verdict)>) -> Lesson {
-    let (rows, verdicts): (Vec<_>, Vec<_>) = taught.into_iter().unzip();
-    Lesson::of(&rows, &verdicts)
+fn examples_of(examples: Vec<(Vec<f32>, crate::query::Verdict)>) -> Examples {
+    let (rows, verdicts): (Vec<_>, Vec<_>) = examples.into_iter().unzip();
+    Examples::of(&rows, &verdicts)
 }
 
 fn order(n: usize, rng: &mut ChaCha8Rng) -> Tensor {
@@ -126,22 +127,22 @@ fn order(n: usize, rng: &mut ChaCha8Rng) -> Tensor {
 }
 
 /// The losses of the rows picked: by one order for all members, or by one for each.
-fn step(reward: &SparseReward, lesson: &Lesson, weights: &Tensor, picks: &[Tensor]) -> Tensor {
+fn step(reward: &SparseReward, training: &Examples, weights: &Tensor, picks: &[Tensor]) -> Tensor {
     match reward.config.rules {
         Rules::Joint => {
-            let rows = lesson.rows.index_select(0, &picks[0]);
-            joint_loss(&reward.logits(&rows), &lesson.classes.index_select(0, &picks[0]))
+            let rows = training.rows.index_select(0, &picks[0]);
+            joint_loss(&reward.logits(&rows), &training.classes.index_select(0, &picks[0]))
         }
         Rules::Apart => {
             let picked = |of: &Tensor| {
                 Tensor::stack(&picks.iter().map(|pick| of.index_select(0, pick)).collect::<Vec<_>>(), 0)
             };
-            balanced_losses(&reward.forward(&picked(&lesson.rows)), &picked(&lesson.classes), weights)
+            balanced_losses(&reward.forward(&picked(&training.rows)), &picked(&training.classes), weights)
         }
     }
 }
 
-fn foretell(reward: &SparseReward, held_out: &Lesson) -> HeldOut {
+fn evaluate(reward: &SparseReward, held_out: &Examples) -> HeldOut {
     tch::no_grad(|| {
         let logits = reward.logits(&held_out.rows);
         let loss = joint_loss(&logits, &held_out.classes).double_value(&[0]) as f32;
@@ -217,7 +218,7 @@ mod tests {
 
     #[test]
     fn the_best_networks_are_kept_where_that_is_asked_for() {
-        // So few verdicts are known by heart soon, and what is held out suffers.
+        // So few verdicts are overfitted soon, and what is held out suffers.
         let config = SparseConfig { updates: 400, ..SparseConfig::tiny() };
         let best = fit_toy(config.clone(), 40, false).held_out.unwrap();
         let last = fit_toy(SparseConfig { keeps_best: false, ..config }, 40, false).held_out.unwrap();

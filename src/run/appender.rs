@@ -3,7 +3,7 @@
 //! A program that holds a file open does not notice when another puts a new one in its place, or moves its folder: what
 //! it writes goes to a file that nobody will find. So the name is looked at again with everything that is written.
 //!
-//! Locks belong to files and not to names. Whoever opens a name after something else was put there locks *that*; the
+//! Locks belong to files and not to names. Whoever opens a name after something else was put there locks *that*. The
 //! program that had the old file finds at its next write that it no longer has the name, and writes no more. A folder
 //! that was moved takes its files and their locks with it: under its new name it cannot be opened for writing as long
 //! as the first program lives, which itself refuses to write, for its name is gone. So no name ever has two writers.
@@ -34,7 +34,7 @@ pub struct Appender {
     len: u64,
     /// Whether something may stand behind them that must go before the next is written.
     is_dirty: bool,
-    /// Whether the system can tell that a name is this file's; some network disks cannot.
+    /// Whether the system can tell that a name is this file's. Some network disks cannot.
     has_identity: bool,
 }
 
@@ -58,7 +58,7 @@ impl Appender {
         Self { file, path: path.to_owned(), len, is_dirty: false, has_identity }
     }
 
-    /// Keeps other programs from doing the same, where the system can; the lock ends with the program, however it ends.
+    /// Keeps other programs from doing the same, where the system can. The lock ends with the program, however it ends.
     ///
     /// Whether the name still is this file's is looked at after that, so that nobody locks what was just replaced.
     pub fn lock(&self) -> Result<(), TryLockError> {
@@ -122,7 +122,7 @@ impl Appender {
         let written = self.file.seek(SeekFrom::Start(len)).and_then(|_| self.file.write_all(bytes));
         let written = written.and_then(|()| if is_synced { self.file.sync_data() } else { Ok(()) });
         self.len += bytes.len() as u64;
-        // What was replaced meanwhile was written to for nothing; it need not wait for the next time to be said.
+        // What was replaced meanwhile was written to for nothing. It need not wait for the next time to be said.
         let written = written.map_err(AppendError::from).and_then(|()| self.check());
         written.inspect_err(|_| {
             // Where this fails too, it is tried again before the next time.
@@ -146,7 +146,7 @@ impl Appender {
         Ok(())
     }
 
-    /// Removes the file; what has its name by now stays.
+    /// Removes the file. What has its name by now stays.
     pub fn remove(self) -> io::Result<()> {
         let is_there = !self.has_identity || is_named(&self.file, &self.path)?;
         drop(self.file);

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use super::place::{check_folder, is_partial};
 use super::{PARTIAL, RunError, sync_folder};
 
-/// The file that says that a folder is being built by us; whoever builds it holds its lock.
+/// The file that says that a folder is being built by us. Whoever builds it holds its lock.
 const MARK: &str = ".dropj-building";
 
 /// Which files a folder can hold while it is being built, by their way from it.
@@ -15,7 +15,7 @@ pub type IsOurs = fn(&Path) -> bool;
 /// A folder that is being built as `NAME.partial` and put in its place when it is whole.
 ///
 /// Dropped, it is removed. What a killed program left of one is removed by the next that builds the same, if nobody is
-/// building it and nothing else lies in it; what is not ours in that place is left alone, and refused.
+/// building it and nothing else lies in it. What is not ours in that place is left alone, and refused.
 #[derive(Debug)]
 #[must_use]
 pub struct Building {
@@ -68,12 +68,12 @@ impl Building {
         &self.out
     }
 
-    /// Puts it in its place; where that fails, it stays where it was built.
+    /// Puts it in its place. Where that fails, it stays where it was built.
     pub fn finish(mut self) -> Result<(), RunError> {
         let put = || {
             // The lock ends with this, and not before the folder is where nobody takes it for one that was left.
             match fs::rename(&self.partial, &self.out) {
-                // An empty folder is no obstacle; some systems want it out of the way.
+                // An empty folder is no obstacle. Some systems want it out of the way.
                 Err(_) if is_free(&self.out) => {
                     fs::remove_dir(&self.out).ok();
                     fs::rename(&self.partial, &self.out)?;

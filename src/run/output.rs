@@ -30,7 +30,7 @@ impl Kind {
         }
     }
 
-    /// Whether a file of `len` bytes that begins with `head` can be of this kind; one that is empty can.
+    /// Whether a file of `len` bytes that begins with `head` can be of this kind. One that is empty can.
     fn admits(self, head: &[u8], len: u64) -> bool {
         let first = head.iter().find(|byte| !byte.is_ascii_whitespace());
         match self {
@@ -75,7 +75,7 @@ impl OutputFile {
         names.into_iter().map(|name| Self::over(&dir.join(name), kind)).collect()
     }
 
-    /// The file to be at `path`, if it can be written there and nothing of another kind is; nothing is touched.
+    /// The file to be at `path`, if it can be written there and nothing of another kind is. Nothing is touched.
     ///
     /// Folders above it that are missing are made when it is written. What is no file but can be written, such as
     /// `/dev/stdout`, is written into.
@@ -146,7 +146,7 @@ impl OutputFile {
     }
 }
 
-/// Writes a file whole, as [`replace_file`] does, with an error that says what and where; folders above it are made.
+/// Writes a file whole, as [`replace_file`] does, with an error that says what and where. Folders above it are made.
 pub fn write_whole(path: &Path, bytes: &[u8]) -> Result<(), RunError> {
     let write = || {
         if let Some(folder) = path.parent() {
@@ -191,9 +191,9 @@ pub fn sync_folder(path: &Path) -> io::Result<()> {
     }
 }
 
-/// What `path` leads to, where it is a link; there need be nothing.
+/// What `path` leads to, where it is a link. There need be nothing.
 fn target(path: &Path) -> PathBuf {
-    /// So many links are followed; more are a circle.
+    /// So many links are followed. More are a circle.
     const MOST: usize = 40;
     let mut path = path.to_owned();
     for _ in 0..MOST {

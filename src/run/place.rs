@@ -101,7 +101,7 @@ pub fn remove_partials(dir: &Path) {
     }
 }
 
-/// What tells a file from any other on this machine; the same for all where the system does not say.
+/// What tells a file from any other on this machine. The same for all where the system does not say.
 #[cfg(unix)]
 fn identity(of: &Metadata) -> (u64, u64) {
     use std::os::unix::fs::MetadataExt as _;
@@ -113,7 +113,7 @@ fn identity(_: &Metadata) -> (u64, u64) {
     (0, 0)
 }
 
-/// Whether a file has a name at all; it has none once it is deleted or something is put in its place.
+/// Whether a file has a name at all. It has none once it is deleted or something is put in its place.
 #[cfg(unix)]
 fn has_name(of: &Metadata) -> bool {
     use std::os::unix::fs::MetadataExt as _;
@@ -144,7 +144,7 @@ impl Named {
     }
 }
 
-/// Whether `path` still is the name of `file`; where the system cannot tell files apart, whether there is one.
+/// Whether `path` still is the name of `file`. Where the system cannot tell files apart, whether there is one.
 pub fn is_named(file: &File, path: &Path) -> io::Result<bool> {
     let there = match fs::metadata(path) {
         Err(met) if matches!(met.kind(), ErrorKind::NotFound | ErrorKind::NotADirectory) => return Ok(false),

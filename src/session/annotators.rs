@@ -14,7 +14,7 @@ use crate::text::cell;
 pub struct AnnotatorReport {
     /// As the answers say it.
     pub name: String,
-    /// Answers that count and are no skips; what was asked again is left out.
+    /// Answers that count and are no skips. What was asked again is left out.
     pub n_answered: usize,
     /// Queries that were skipped.
     pub n_skipped: usize,
@@ -22,7 +22,7 @@ pub struct AnnotatorReport {
     pub n_hallucinated: usize,
     /// Seconds spent with queries, those asked again included, at most a minute with each.
     pub active_secs: f32,
-    /// The time of the middle answer, skips left out; at most a minute.
+    /// The time of the middle answer, skips left out. At most a minute.
     pub median_secs: Option<f32>,
     /// How far they said the same when they were asked again.
     pub consistency: Option<Agreement>,
@@ -107,7 +107,7 @@ struct Work<'a> {
 impl Annotators {
     /// Those of `sessions`, each with a name by which its annotators are called where they are given none of their own.
     ///
-    /// Answers of one name are those of one person, in whatever session; one that is called so itself gives its name to
+    /// Answers of one name are those of one person, in whatever session. One that is called so itself gives its name to
     /// its annotator, or to each of several behind their own.
     /// Two queries are the same where they show the same segments of the same dreams, on whichever side.
     /// An answer that stands in several sessions, because one is a copy or was put together from others, counts once.
@@ -323,7 +323,7 @@ mod tests {
     use crate::query::{DreamId, Preference, Protocol, QueryId, SafetyAnswer, SegmentRef, Weights};
     use crate::session::{Answer, Choice, DreamSource, Entry, Event, KeptDream};
 
-    /// The first steps of the left and right segment, each after its dream; what was said, and in how many seconds.
+    /// The first steps of the left and right segment, each after its dream. What was said, and in how many seconds.
     type Said = ([(u32, usize); 2], Response, f32);
 
     /// A session over the dreams called `hashes`, with queries and their answers.

@@ -17,7 +17,7 @@ pub(crate) fn write_whole(path: &Path, bytes: &[u8], tried: &'static str) -> Res
     replace_file(path, bytes).map_err(SessionError::disk(tried, path))
 }
 
-/// A dream as a safetensors file; the same dream has the same bytes.
+/// A dream as a safetensors file. The same dream has the same bytes.
 pub fn dream_to_bytes(episode: &DreamEpisode) -> Vec<u8> {
     let floats = |values: &[f32]| values.iter().flat_map(|v| v.to_le_bytes()).collect::<Vec<u8>>();
     let DreamEpisode { start, zs, actions, unsafe_marks, seed, planned } = episode;

@@ -20,7 +20,7 @@ use crate::text;
 pub enum Event {
     /// A dream was driven and kept.
     DreamKept(KeptDream),
-    /// A dream is no longer used: nothing is asked about it; its file stays, so that this can be taken back.
+    /// A dream is no longer used: nothing is asked about it. Its file stays, so that this can be taken back.
     DreamDropped {
         /// Which.
         dream: DreamId,
@@ -55,12 +55,12 @@ pub enum Event {
         /// Which.
         protocol: Protocol,
     },
-    /// From here on the most doubtful pairs are held back, see [`Screen`](crate::dream::Screen).
+    /// From here on the pairs with the highest anomaly scores are held back, see [`Screen`](crate::dream::Screen).
     ScreenChanged {
         /// How many of a hundred.
         held_back: u8,
     },
-    /// A query was answered or skipped; an earlier answer to it no longer counts.
+    /// A query was answered or skipped. An earlier answer to it no longer counts.
     Answered(Answer),
     /// It was said why a query was skipped: a part of that answer, and no other one.
     SkipExplained {
@@ -69,7 +69,7 @@ pub enum Event {
         /// Why.
         reason: SkipReason,
     },
-    /// The answer that counts for a query was taken back; the one before it counts again, if there is one.
+    /// The answer that counts for a query was taken back. The one before it counts again, if there is one.
     Retracted {
         /// Of which query.
         query: QueryId,
@@ -89,7 +89,7 @@ pub enum Event {
         /// From which query.
         query: QueryId,
     },
-    /// From here on the answers, old and new, weigh differently.
+    /// From here on the answers, old and new, have other weights.
     WeightsChanged {
         /// The new weights.
         weights: Weights,
@@ -193,7 +193,7 @@ pub struct Answer {
     pub loops: u32,
     /// Who answered.
     pub annotator: String,
-    /// Whether the query's left segment was shown on the right; the response is already turned back.
+    /// Whether the query's left segment was shown on the right. The response is already turned back.
     pub sides_swapped: bool,
     /// The step of the left segment from which it is unsafe, where the annotator pointed at one.
     #[serde(default, skip_serializing_if = "Option::is_none")]

@@ -10,9 +10,9 @@ use crate::text::cell;
 
 /// The answers that count, skips among them, in the order of answering: what was said, and μ by the present weights.
 ///
-/// What was only asked again teaches nothing and has no μ.
+/// From what was only asked again nothing is learned, and it has no μ.
 ///
-/// One line of names, then one line an answer; commas between, and names as [`cell`] has them.
+/// One line of names, then one line an answer. Commas between, and names as [`cell`] has them.
 pub fn labels_csv(session: &Session) -> String {
     let mut csv = String::from(
         "query,left_dream,left_start,right_dream,right_start,choice,protocol,skipped,left_safe,right_safe,justification,\

@@ -10,7 +10,7 @@ use crate::session::error::{HeaderError, SessionError};
 use crate::session::{Session, arrays};
 use crate::text::{is_utf16, trimmed};
 
-/// The format of sessions that this program writes; it reads those before it too, for it only added events.
+/// The format of sessions that this program writes. It reads those before it too, for it only added events.
 ///
 /// 2: `protocol_changed` and `skip_explained`. 3: `dream_dropped` and `dream_restored`, who drove in `dream_kept`,
 /// `screen_changed`, `asked_transition`, verdicts, and what synthesized dreams were made to be.
@@ -48,7 +48,7 @@ pub struct Header {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
-    /// How much answers weigh, until the log says otherwise.
+    /// The weights of answers, until the log says otherwise.
     pub weights: Weights,
     /// Who answers, until somebody gives a name.
     #[serde(default = "anonymous")]

@@ -16,12 +16,12 @@ const MAGIC: &[u8; 16] = b"dropj dream 1\n\0\0";
 const STEP: u8 = 1;
 /// What a mark begins with.
 const MARK: u8 = 2;
-/// What a step that the planner drove begins with; a program that does not know it stops reading there.
+/// What a step that the planner drove begins with. A program that does not know it stops reading there.
 const PLANNED_STEP: u8 = 3;
 
 /// The journal of a dream that is being driven: a few kilobytes a second.
 ///
-/// Each step is with the system once [`Self::follow`] returns, so it outlives the program; it is forced to the disk
+/// Each step is with the system once [`Self::follow`] returns, so it outlives the program. It is forced to the disk
 /// itself only when the dream is kept, since a step that waited for the disk would be late.
 /// Where a step cannot be written, the journal is as it was, and the next time catches up.
 #[derive(Debug)]

@@ -24,13 +24,13 @@ impl ListedSession {
         Self { dir: dir.to_owned(), session }
     }
 
-    /// When something last happened in it, in milliseconds since 1970; 0 where that cannot be read.
+    /// When something last happened in it, in milliseconds since 1970. 0 where that cannot be read.
     pub fn last_at(&self) -> u64 {
         self.session.as_ref().map_or(0, |(header, session)| session.last_at().unwrap_or(header.created_at))
     }
 }
 
-/// The sessions in `sessions`, the latest first; none where there is no such folder.
+/// The sessions in `sessions`, the latest first. None where there is no such folder.
 pub fn list_sessions(sessions: &Path) -> Result<Vec<ListedSession>, SessionError> {
     let mut listed: Vec<_> = folders(sessions)?.iter().map(|dir| ListedSession::read(dir)).collect();
     listed.sort_by_key(|session| Reverse(session.last_at()));

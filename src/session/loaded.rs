@@ -12,7 +12,7 @@ use crate::world_model::ModelIdentity;
 pub struct LoadedSession {
     /// The session.
     pub store: SessionStore,
-    /// Its dreams, or why they cannot be read; deleted ones are left out.
+    /// Its dreams, or why they cannot be read. Deleted ones are left out.
     pub dreams: Vec<(DreamId, Result<DreamEpisode, SessionError>)>,
     /// The reward that was learned last.
     pub reward: Result<Option<Parameters>, SessionError>,
@@ -22,8 +22,8 @@ pub struct LoadedSession {
 
 impl LoadedSession {
     /// Holds the session and its dreams against the world model that it is to go on with.
-    pub fn meet(&mut self, model: &ModelIdentity) -> Result<(), SessionError> {
-        self.store.meet(model)?;
+    pub fn bind_model(&mut self, model: &ModelIdentity) -> Result<(), SessionError> {
+        self.store.bind_model(model)?;
         for (id, dream) in &mut self.dreams {
             if let Ok(episode) = dream
                 && let Err(met) = episode.require(model)

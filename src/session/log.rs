@@ -107,7 +107,7 @@ impl Log {
         Ok(Self { file, n_lines: 0 })
     }
 
-    /// The log at `path` and what it holds; a torn end is cut off.
+    /// The log at `path` and what it holds. A torn end is cut off.
     pub fn open(path: &Path) -> Result<(Self, Contents), SessionError> {
         let mut file = Appender::open(path).map_err(SessionError::disk("open the session log", path))?;
         lock(&file)?;
@@ -173,7 +173,7 @@ pub(super) fn hold(path: &Path) -> Result<Appender, SessionError> {
     Ok(file)
 }
 
-/// Keeps other programs from writing; the system lifts this when the program ends, however it ends.
+/// Keeps other programs from writing. The system lifts this when the program ends, however it ends.
 fn lock(file: &Appender) -> Result<(), SessionError> {
     match file.lock() {
         Ok(()) => Ok(()),

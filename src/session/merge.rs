@@ -18,7 +18,7 @@ use crate::session::worlds;
 /// so where two people answered the same one, both are learned from: where they disagree, the reward is pulled both ways.
 /// What stands in several of the sessions, because one is a copy of another or was put together from it, counts once: an
 /// answer is the same where the same was said of the same clips at the same moment, wherever it was copied to.
-/// What answers weigh is as in the first session now; rewards are left out, for each was learned from a part.
+/// The weights of answers are those of the first session now. Rewards are left out, for each was learned from a part.
 pub fn merge(dirs: &[PathBuf], out: &Path) -> Result<SessionStore, SessionError> {
     merge_counted(dirs, out).map(|(merged, _)| merged)
 }
@@ -164,7 +164,7 @@ fn alike(
     Ok(())
 }
 
-/// What happened to a query after it was asked, and when; which query it is, is left out.
+/// What happened to a query after it was asked, and when. Which query it is, is left out.
 type History = Vec<(u64, Event)>;
 
 /// What tells a query from every other, wherever it was copied: when it was asked, and what it shows.
@@ -226,9 +226,9 @@ fn shared(one: &History, other: &History) -> usize {
     one.iter().zip(other).take_while(|(a, b)| a == b).count()
 }
 
-/// How many events of `coming` need not be added to `known`, where both are of one query; nothing where they are not.
+/// How many events of `coming` need not be added to `known`, where both are of one query. Nothing where they are not.
 ///
-/// Where one person went on in two copies, what was said last counts; where two did, each has said it of a query of
+/// Where one person went on in two copies, what was said last counts. Where two did, each has said it of a query of
 /// their own.
 fn n_there(known: &History, coming: &History) -> Option<usize> {
     let shared = shared(known, coming);

@@ -1,6 +1,6 @@
 //! What a person did, kept such that nothing is lost: events, their log, and the arrays and weights beside it.
 //!
-//! With `dataset` and `run` the only module that touches files; starts no thread.
+//! With `dataset` and `run` the only module that touches files. Starts no thread.
 //! A session *is* its log: a [`Session`] is what folding the log gives, live and in a replay alike.
 //!
 //! ```text
@@ -150,7 +150,7 @@ impl Session {
         }
     }
 
-    /// This session after `entries`; an error comes with how many of them could be applied.
+    /// This session after `entries`. An error comes with how many of them could be applied.
     pub fn folded<'a>(
         mut self,
         entries: impl IntoIterator<Item = &'a Entry>,
@@ -161,7 +161,7 @@ impl Session {
         Ok(self)
     }
 
-    /// Takes in what happened; where it cannot have happened, nothing changes.
+    /// Takes in what happened. Where it cannot have happened, nothing changes.
     pub fn apply(&mut self, entry: &Entry) -> Result<(), Impossible> {
         self.check(&entry.event)?;
         match &entry.event {
@@ -224,7 +224,7 @@ impl Session {
         self.protocol
     }
 
-    /// How much answers weigh now.
+    /// The weights of answers now.
     pub fn weights(&self) -> &Weights {
         &self.weights
     }
@@ -245,7 +245,7 @@ impl Session {
         self.dropped.contains(&dream)
     }
 
-    /// How many answers that are learned from rest on a dream; skips do not.
+    /// How many answers that are learned from rest on a dream. Skips do not.
     pub fn n_resting_on(&self, dream: DreamId) -> usize {
         let shows = |asked: &&AskedQuery| asked.query.left.dream == dream || asked.query.right.dream == dream;
         let is_said = |asked: &AskedQuery| {
@@ -318,7 +318,7 @@ impl Session {
         labeled.iter().filter_map(|given| self.label_of(given.answer.query, weights)).collect()
     }
 
-    /// What a query teaches with these weights, if anything.
+    /// The label of a query with these weights, if it has one.
     pub fn label_of(&self, id: QueryId, weights: &Weights) -> Option<LabeledQuery> {
         let asked = self.query(id).filter(|asked| asked.repeats().is_none())?;
         let label = weights.label(&asked.answer()?.answer.response)?;
@@ -329,7 +329,7 @@ impl Session {
     pub fn known_safety(&self) -> KnownSafety {
         let mut known = KnownSafety::default();
         for (asked, given) in self.queries.iter().filter_map(|asked| Some((asked, asked.answer()?))) {
-            known.hear([asked.query.left, asked.query.right], given.answer.response);
+            known.record([asked.query.left, asked.query.right], given.answer.response);
         }
         known
     }
@@ -348,7 +348,7 @@ impl Session {
         looked_at.collect()
     }
 
-    /// How many of a hundred pairs are held back for being the most doubtful.
+    /// How many of a hundred pairs are held back for their anomaly scores.
     pub fn held_back(&self) -> u8 {
         self.held_back
     }

@@ -11,7 +11,7 @@ use crate::session::worlds::WORLD_MODEL_FILE;
 
 /// The place of a session that is being made, where nobody finds half of it under its name.
 ///
-/// Dropped without [`Self::finish`], it leaves nothing; a program that is killed leaves a folder that the next one
+/// Dropped without [`Self::finish`], it leaves nothing. A program that is killed leaves a folder that the next one
 /// recognizes and replaces.
 #[derive(Debug)]
 pub struct NewSession {

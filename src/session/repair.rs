@@ -29,14 +29,14 @@ pub struct Repair {
     pub notes: Vec<Note>,
     /// How many events are kept.
     pub n_kept: usize,
-    /// Where the damaged files are kept; none where nothing was to be repaired.
+    /// Where the damaged files are kept. None where nothing was to be repaired.
     pub kept_beside: Vec<PathBuf>,
 }
 
 /// A line that is not kept as it stood, or something that had to be put in.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Note {
-    /// The line of the log, the first being 1; nothing where it is about the header.
+    /// The line of the log, the first being 1. Nothing where it is about the header.
     pub line: Option<usize>,
     /// What is done about it, and why.
     pub what: String,
@@ -53,7 +53,7 @@ pub struct Origin {
 
 /// Repairs the session in `dir`, or only says what would be done where it `is_trial`.
 ///
-/// `origin` helps where the header is lost; without it that is an error.
+/// `origin` helps where the header is lost. Without it that is an error.
 pub fn repair(dir: &Path, origin: Option<&Origin>, is_trial: bool) -> Result<Repair, SessionError> {
     let (header_path, log_path) = (dir.join(header::FILE), dir.join(store::LOG_FILE));
     let header_bytes = read_if_there(&header_path, "read the session's header")?;
@@ -266,7 +266,7 @@ fn header_anew(origin: &Origin, log: &[u8]) -> (Header, Vec<String>) {
     (header, vec![what])
 }
 
-/// A protocol that asks for such a response; nothing where all do.
+/// A protocol that asks for such a response. Nothing where all do.
 fn asked_under(response: Response) -> Option<Protocol> {
     match response {
         Response::Skipped(_) => None,
@@ -678,7 +678,7 @@ mod tests {
         let whole = whole();
         let mut lines = whole.clone();
         let entry = |event, seq, at| Entry { event, seq, at }.to_line();
-        // Theirs: another second query, with another answer; ours is lines 5 to 9.
+        // Theirs: another second query, with another answer. Ours is lines 5 to 9.
         lines.insert(4, "<<<<<<< HEAD".to_owned());
         lines.push("=======".to_owned());
         lines.push(entry(asked(1, 0), 4, 50));

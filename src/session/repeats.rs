@@ -1,7 +1,7 @@
 //! Queries that are asked a second time, with their sides changed over: does the annotator say the same?
 //!
-//! The second answer says how steady the annotator is, and nothing else: it is no label, for it would only weigh the
-//! same pair twice; and it counts neither as answered nor as skipped, so that no budget moves.
+//! The second answer says how consistent the annotator is, and nothing else. It is no label, for the same pair would
+//! only count twice. It counts neither as answered nor as skipped, so that no budget moves.
 
 use crate::evaluation::Agreement;
 use crate::query::{QueryId, Response};
@@ -20,7 +20,7 @@ impl AskedQuery {
 
 impl Session {
     /// The queries that `annotator` could be asked again: answered by them under the present protocol, with more than a
-    /// skip, and at least [`REPEAT_AFTER`] answers ago; none of them twice.
+    /// skip, and at least [`REPEAT_AFTER`] answers ago. None of them twice.
     pub fn repeatable(&self, annotator: &str) -> Vec<QueryId> {
         let answers = self.answers();
         let Some(n_long_ago) = answers.len().checked_sub(REPEAT_AFTER) else { return Vec::new() };

@@ -18,7 +18,7 @@ use crate::world_model::WorldModel;
 
 /// How far a loss may lie from that of the same fit elsewhere, in nats a label.
 ///
-/// On the same kind of processor nothing differs; another one may compute the hidden layers in another precision.
+/// On the same kind of processor nothing differs. Another one may compute the hidden layers in another precision.
 pub const REFIT_TOLERANCE: f32 = 0.02;
 
 /// What going through a session again gave.
@@ -110,7 +110,7 @@ impl Replay {
         clip_hash::read(&self.dir)
     }
 
-    /// Those of `then` that look otherwise now, or are not asked about; those that are [lost](Self::lost) are left out.
+    /// Those of `then` that look otherwise now, or are not asked about. Those that are [lost](Self::lost) are left out.
     pub fn changed_clips(&self, then: &ClipHashes) -> Vec<(DreamId, usize)> {
         let is_same = |clip: &(DreamId, usize), hash: &ClipHash| {
             self.clips.get(clip).is_some_and(|now| now.apart(hash) <= ClipHash::TOLERANCE)
@@ -121,7 +121,7 @@ impl Replay {
 
     /// Learns a reward of this session again and returns the last loss of each member.
     ///
-    /// The shape of the ensemble is that of the saved one; generator, labels and their order are those of the log.
+    /// The shape of the ensemble is that of the saved one. Generator, labels and their order are those of the log.
     pub fn refit(&self, model: &WorldModel, replayed: &ReplayedFit) -> Result<Vec<f32>, SessionError> {
         let (path, parameters) = read_parameters(&self.dir, &replayed.fitted)?;
         let wrong = |met| SessionError::Reward { met, path: path.clone() };

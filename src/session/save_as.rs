@@ -18,7 +18,7 @@ use crate::tensor::{Parameters, sha256};
 /// A session that was written to another place.
 #[derive(Debug)]
 pub struct SavedAs {
-    /// It, open for writing; what could not be written before is in it.
+    /// It, open for writing. What could not be written before is in it.
     pub store: SessionStore,
     /// What that was.
     pub written: Vec<Event>,

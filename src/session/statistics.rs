@@ -6,7 +6,7 @@ use crate::session::Session;
 /// Seconds of one answer beyond which the annotator is taken to have been elsewhere.
 pub const IDLE_SECS: f32 = 60.0;
 
-/// Counts of a session, over the answers that count; what was asked again is counted apart.
+/// Counts of a session, over the answers that count. What was asked again is counted apart.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Statistics {
     /// Queries asked, repetitions left out.

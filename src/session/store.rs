@@ -89,7 +89,7 @@ impl SessionStore {
         free_folder(folder, name)
     }
 
-    /// Whether sessions can be kept in the folder `sessions`, made if need be; nothing is left of the looking.
+    /// Whether sessions can be kept in the folder `sessions`, made if need be. Nothing is left of the looking.
     pub fn check_folder(sessions: &Path) -> Result<(), SessionError> {
         Ok(check_folder(sessions)?)
     }
@@ -188,7 +188,7 @@ impl SessionStore {
         Ok(written)
     }
 
-    /// Puts the lines of another log into this one, which is empty; the files that are `left_out` are nowhere.
+    /// Puts the lines of another log into this one, which is empty. The files that are `left_out` are nowhere.
     pub(super) fn take_over(&mut self, entries: Vec<Entry>, left_out: &[String]) -> Result<(), SessionError> {
         self.log.append_all(&entries)?;
         self.session = fold(&self.header, &entries, &[], &self.dir.join(LOG_FILE))?;
@@ -203,7 +203,7 @@ impl SessionStore {
     }
 
     /// Holds the session and its dreams against its world model, which was not known when it was opened.
-    pub fn meet(&mut self, model: &ModelIdentity) -> Result<(), SessionError> {
+    pub fn bind_model(&mut self, model: &ModelIdentity) -> Result<(), SessionError> {
         check_world_model(&self.dir, &self.header, Some(model))?;
         self.model = Some(model.clone());
         Ok(())
@@ -218,7 +218,7 @@ impl SessionStore {
     /// Writes down that `event` happened now; when this returns it is on disk, or nothing has changed.
     ///
     /// What somebody said or chose and could not be written is kept for [`Self::try_again`] and
-    /// [`Self::save_as`]; it does not count before.
+    /// [`Self::save_as`]. It does not count before.
     pub fn record(&mut self, event: Event) -> Result<(), SessionError> {
         self.record_at(event, now())
     }
@@ -298,13 +298,13 @@ impl SessionStore {
         read_dream(&self.dir, &self.session, id, self.model.as_ref())
     }
 
-    /// A journal for a dream that begins; it is discarded once the dream is kept or thrown away.
+    /// A journal for a dream that begins. It is discarded once the dream is kept or thrown away.
     pub fn journal(&self, episode: &DreamEpisode, source: DreamSource) -> Result<DreamJournal, SessionError> {
         self.log.check()?;
         DreamJournal::create(&self.dir.join(DREAMS), episode, source)
     }
 
-    /// The dreams whose program ended before they did; those that are driven now are not among them.
+    /// The dreams whose program ended before they did. Those that are driven now are not among them.
     pub fn unfinished_dreams(&self) -> Result<Vec<UnfinishedDream>, SessionError> {
         let mut found = journal::unfinished(&self.dir.join(DREAMS))?;
         // The program can end between keeping a dream and removing its journal.
@@ -354,7 +354,7 @@ impl SessionStore {
         world_model(dir, &Header::read(dir)?)
     }
 
-    /// Where the world model is; its file is read for that.
+    /// Where the world model is. Its file is read for that.
     pub fn world_model_path(&self) -> Option<PathBuf> {
         worlds::find(&self.dir, &self.header)
     }
@@ -439,7 +439,7 @@ impl SessionStore {
     }
 }
 
-/// Whether somebody said or chose this, so that it must not be lost; what is asked next can be asked again, and what
+/// Whether somebody said or chose this, so that it must not be lost. What is asked next can be asked again, and what
 /// belongs to a file is kept by whoever has the file.
 fn is_said(event: &Event) -> bool {
     !matches!(
@@ -487,7 +487,7 @@ pub(super) fn tidied(episode: &DreamEpisode) -> DreamEpisode {
     episode
 }
 
-/// The session that `entries` make; `lines` are their lines in the log, where some of it is no entry.
+/// The session that `entries` make. `lines` are their lines in the log, where some of it is no entry.
 fn fold(header: &Header, entries: &[Entry], lines: &[usize], path: &Path) -> Result<Session, SessionError> {
     header.session().folded(entries).map_err(|(n_applied, why)| SessionError::ImpossibleLine {
         line: lines.get(n_applied).map_or(n_applied + 1, |line| *line),

@@ -15,7 +15,7 @@ use crate::world_model::ModelIdentity;
 pub(super) const WORLD_MODEL_FILE: &str = "world_model.safetensors";
 /// What the files of networks end in.
 const EXTENSION: &str = "safetensors";
-/// No world model is larger than so many bytes; such a file is not read to see whether it is one.
+/// No world model is larger than so many bytes. Such a file is not read to see whether it is one.
 const MOST: u64 = 1 << 30;
 /// In a folder with more files than this none is looked at that is not named.
 const MANY: usize = 200;
@@ -47,7 +47,7 @@ pub fn find(dir: &Path, header: &Header) -> Option<PathBuf> {
     candidates(dir, header).filter(is_new).find(|path| is_of(path, &header.world_model))
 }
 
-/// The files that may hold it, the likeliest first; each folder is listed only when it is reached.
+/// The files that may hold it, the likeliest first. Each folder is listed only when it is reached.
 fn candidates<'a>(dir: &'a Path, header: &'a Header) -> impl Iterator<Item = PathBuf> + use<'a> {
     let hint = header.world_model_path.as_deref().map(Path::new);
     let hinted = hint.map(|hint| dir.join(hint));
@@ -88,7 +88,7 @@ fn networks(folder: &Path, beginning: &str) -> Vec<PathBuf> {
     listed(folder).into_iter().filter(is_one).collect()
 }
 
-/// What lies in `folder`, in the order of names; nothing where it cannot be listed or is a heap.
+/// What lies in `folder`, in the order of names. Nothing where it cannot be listed or is a heap.
 fn listed(folder: &Path) -> Vec<PathBuf> {
     let Ok(listing) = std::fs::read_dir(folder) else { return Vec::new() };
     let mut paths: Vec<_> = listing.take(MANY + 1).filter_map(|item| Some(item.ok()?.path())).collect();

@@ -4,7 +4,7 @@ use rand::{Rng, RngExt as _};
 
 use crate::env::Action;
 
-/// The most that the front wheels turn, in radians; steering beyond it does nothing more.
+/// The most that the front wheels turn, in radians. Steering beyond it does nothing more.
 pub(super) const LOCK: f32 = 0.4;
 /// The brake of the authors' menu (method §11): harder than our planner's, so that dreams know both.
 const MENU_BRAKE: f32 = 0.2;
@@ -14,7 +14,7 @@ const MENU_HOLD: u32 = 15;
 /// What the driver wants of the car.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Setpoint {
-    /// Angle of the front wheels in radians, in `[-LOCK, LOCK]`; positive is right.
+    /// Angle of the front wheels in radians, in `[-LOCK, LOCK]`. Positive is right.
     pub(super) wheels: f32,
     /// Gas where positive, brake where negative, in `[-1, 1]`.
     pub(super) throttle: f32,
@@ -127,7 +127,7 @@ impl Tap {
         Self { period, step: 0, side: 0.0, length: 0 }
     }
 
-    /// Which key is down in this step: −1, 0 or 1; `strength` is in `[-1, 1]`.
+    /// Which key is down in this step: −1, 0 or 1. `strength` is in `[-1, 1]`.
     fn press(&mut self, strength: f32) -> f32 {
         if self.step == 0 {
             self.side = strength.signum();

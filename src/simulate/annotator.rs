@@ -1,6 +1,6 @@
-//! A stand-in for the person who answers: it watches decoded clips and judges by simple rules, with human failings.
+//! A stand-in for the person who answers: it watches decoded clips and answers by simple rules, with human failings.
 //!
-//! The failings are the knobs of [B-Pref](crate#references): rationality, myopia, mistakes, skipping and equality.
+//! The failings are the parameters of [B-Pref](crate#references): rationality, myopia, mistakes, skipping and equality.
 
 use rand::{Rng, RngExt as _};
 use serde::{Deserialize, Serialize};
@@ -15,12 +15,12 @@ const TILE: f32 = 3.5;
 const EDGE: f32 = 6.0;
 /// A step off the road costs this part of what a new tile pays: −1 against +10 (method §12).
 const UNSAFE_COST: f32 = 0.1;
-/// In so many pictures the car must be seen off the road; one alone may be a flaw of the picture.
+/// In so many pictures the car must be seen off the road. One alone may be a flaw of the picture.
 const N_OFF: usize = 2;
 
 /// What is seen in a clip.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Judgement {
+pub struct Perception {
     /// Probability of being off the road, picture by picture.
     pub off_road: Vec<f32>,
     /// Probability of a wheel in a chuckhole, picture by picture.
@@ -33,14 +33,14 @@ pub struct Judgement {
     pub nearness: Vec<f32>,
     /// How much the car jumps on the road: root mean square of its moves across it that its motion does not explain,
     /// in units.
-    pub doubt: f32,
+    pub jumps: f32,
 }
 
-impl Judgement {
+impl Perception {
     /// What `sights`, one a picture, come to.
     pub fn of(sights: &[Sight]) -> Self {
         let secs = 1.0 / STEPS_PER_SEC as f32;
-        // Far out on the grass there is little to measure a move by, and no doubt about what it means.
+        // Far out on the grass there is little to measure a move by, and its meaning is clear.
         let on_road = sights.windows(2).filter(|pair| pair.iter().all(|sight| sight.off_road < 0.5));
         let jumps = on_road.map(|pair| {
             let across = 0.5 * (pair[0].road_velocity[1] + pair[1].road_velocity[1]);
@@ -53,7 +53,7 @@ impl Judgement {
             car: sights.iter().map(|sight| sight.car).collect(),
             tiles: sights.iter().map(|sight| sight.road_velocity[0].max(0.0) * secs / TILE).collect(),
             nearness: sights.iter().map(|sight| (sight.lateral / EDGE).powi(2)).collect(),
-            doubt: (jumps.map(|jump| jump * jump).sum::<f32>() / n_jumps).sqrt(),
+            jumps: (jumps.map(|jump| jump * jump).sum::<f32>() / n_jumps).sqrt(),
         }
     }
 
@@ -92,17 +92,17 @@ impl Judgement {
     }
 }
 
-/// How well an annotator judges: the knobs of B-Pref, and one for safety.
+/// How well an annotator answers: the parameters of B-Pref, and one for safety.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Annotator {
-    /// β: rationality, per tile of difference; nothing means perfect, 0 a coin.
+    /// β: rationality, per tile of difference. Nothing means perfect, 0 a coin.
     pub beta: Option<f32>,
-    /// γ: what a step counts against the next, in `(0, 1]`; below 1 the end of a clip impresses more.
+    /// γ: what a step counts against the next, in `(0, 1]`. Below 1 the end of a clip impresses more.
     pub gamma: f32,
     /// Probability of saying the opposite preference.
     pub eps_mistake: f64,
-    /// A query is left where a clip's doubt is above this, in units; nothing means that none is.
+    /// A query is skipped where a clip's jumps are above this, in units. Nothing means that none is.
     pub eps_skip: Option<f32>,
     /// What a step at the very edge of the road costs, in tiles: whoever drives there is about to leave it.
     pub care: f32,
@@ -127,8 +127,8 @@ impl Annotator {
     }
 
     /// Watches a clip.
-    pub fn judge(&self, probe: &Probe, clip: &[Frame]) -> Judgement {
-        Judgement::of(&probe.watch(clip))
+    pub fn watch(&self, probe: &Probe, clip: &[Frame]) -> Perception {
+        Perception::of(&probe.watch(clip))
     }
 
     /// The answer to a query under `protocol`, where several `justifications` are asked for among those.
@@ -136,17 +136,17 @@ impl Annotator {
         &self,
         protocol: Protocol,
         justifications: &Justifications,
-        left: &Judgement,
-        right: &Judgement,
+        left: &Perception,
+        right: &Perception,
         rng: &mut impl Rng,
     ) -> Response {
-        // Always the same draws, so that turning one knob leaves the luck of the others alone.
+        // Always the same draws, so that one parameter leaves the chance of the others alone.
         let luck = Luck {
             choice: rng.random(),
             is_mistaken: rng.random_bool(self.eps_mistake),
             misjudges: [rng.random_bool(self.eps_safety), rng.random_bool(self.eps_safety)],
         };
-        if self.eps_skip.is_some_and(|most| left.doubt.max(right.doubt) > most) {
+        if self.eps_skip.is_some_and(|most| left.jumps.max(right.jumps) > most) {
             return Response::Skipped(Some(SkipReason::Hallucinated));
         }
         let payoffs = [left, right].map(|clip| clip.payoff(self.gamma, self.care));
@@ -195,10 +195,10 @@ impl Annotator {
     }
 }
 
-/// The most severe justification that tells the clips apart decides; where both show the same, neither is better;
-/// where both show nothing, `otherwise` decides by default.
+/// The most severe justification that tells the clips apart decides. Where both show the same, neither is better.
+/// Where both show nothing, `otherwise` decides by default.
 ///
-/// `// DIFFERENCE:` in Eq. 2 the most severe that is active decides; one that both clips show alike leaves them to the next.
+/// `// DIFFERENCE:` in Eq. 2 the most severe that is active decides. One that both clips show alike leaves them to the next.
 fn justify(
     all: &Justifications,
     shown: &[(Justification, [bool; 2])],
@@ -237,22 +237,22 @@ mod tests {
     use super::*;
 
     /// A clip at a steady speed in units a second, with its first `n_off` pictures off the road.
-    fn clip(speed: f32, n_off: usize) -> Judgement {
+    fn clip(speed: f32, n_off: usize) -> Perception {
         let sight = |i| Sight {
             off_road: if i < n_off { 0.9 } else { 0.1 },
             road_velocity: [speed, 0.0],
             ..Sight::default()
         };
-        Judgement::of(&(0..20).map(sight).collect::<Vec<_>>())
+        Perception::of(&(0..20).map(sight).collect::<Vec<_>>())
     }
 
-    fn answers(annotator: Annotator, protocol: Protocol, clips: [&Judgement; 2]) -> Vec<Response> {
+    fn answers(annotator: Annotator, protocol: Protocol, clips: [&Perception; 2]) -> Vec<Response> {
         let rng = &mut ChaCha8Rng::seed_from_u64(0);
         let justifications = Justifications::car_racing();
         (0..200).map(|_| annotator.answer(protocol, &justifications, clips[0], clips[1], rng)).collect()
     }
 
-    fn answer(annotator: Annotator, protocol: Protocol, clips: [&Judgement; 2]) -> Response {
+    fn answer(annotator: Annotator, protocol: Protocol, clips: [&Perception; 2]) -> Response {
         answers(annotator, protocol, clips)[0]
     }
 
@@ -267,7 +267,7 @@ mod tests {
     fn whoever_cares_prefers_the_middle_of_the_road_to_a_little_more_speed() {
         let along = |speed, lateral| {
             let sight = Sight { lateral, road_velocity: [speed, 0.0], ..Sight::default() };
-            Judgement::of(&[sight; 20])
+            Perception::of(&[sight; 20])
         };
         let clips = [&along(35.0, 0.5), &along(40.0, 4.5)];
         let careless = Annotator { care: 0.0, ..Annotator::careful() };
@@ -295,8 +295,8 @@ mod tests {
     fn the_most_severe_difference_is_the_reason() {
         let all = Justifications::new([("chuckhole", 1.0), ("grass", 0.95), ("default", 0.75)]).unwrap();
         let [chuckhole, grass] = ["chuckhole", "grass"].map(|name| all.named(name).unwrap());
-        let bumpy = |clip: Judgement| Judgement { chuckhole: vec![0.9; 20], ..clip };
-        let answer = |left: &Judgement, right: &Judgement| {
+        let bumpy = |clip: Perception| Perception { chuckhole: vec![0.9; 20], ..clip };
+        let answer = |left: &Perception, right: &Perception| {
             let rng = &mut ChaCha8Rng::seed_from_u64(0);
             Annotator::careful().answer(Protocol::DropjMulti, &all, left, right, rng)
         };
@@ -348,7 +348,7 @@ mod tests {
 
     #[test]
     fn a_clip_in_which_the_car_jumps_is_skipped() {
-        let jumping = Judgement { doubt: 2.0, ..clip(20.0, 0) };
+        let jumping = Perception { jumps: 2.0, ..clip(20.0, 0) };
         let clips = [&jumping, &clip(40.0, 0)];
         let patient = Annotator { eps_skip: None, ..Annotator::careful() };
 
@@ -358,12 +358,12 @@ mod tests {
     }
 
     #[test]
-    fn jumps_across_the_road_are_doubted_and_smooth_moves_are_not() {
+    fn jumps_across_the_road_are_measured_and_smooth_moves_are_none() {
         let sight = |lateral, across| Sight { lateral, road_velocity: [20.0, across], ..Sight::default() };
         let smooth: Vec<_> = (0..20).map(|i| sight(0.2 * i as f32, 10.0)).collect();
         let jumping: Vec<_> = (0..20).map(|i| sight(2.0 * (i % 2) as f32, 0.0)).collect();
 
-        assert!(Judgement::of(&smooth).doubt < 1e-4 && (Judgement::of(&jumping).doubt - 2.0).abs() < 1e-4);
+        assert!(Perception::of(&smooth).jumps < 1e-4 && (Perception::of(&jumping).jumps - 2.0).abs() < 1e-4);
     }
 
     #[test]

@@ -19,7 +19,7 @@ use crate::tensor::adam::Adam;
 use crate::tensor::{NotFinite, Parameters, from_frames, from_slice, normal, require_finite};
 use crate::world_model::{Vae, WorldModel, fast_kind};
 
-/// The first worlds that the probe is fitted on; evaluations and recordings use smaller seeds.
+/// The first worlds that the probe is fitted on. Evaluations and recordings use smaller seeds.
 const FIRST_WORLD: u64 = 7_000_000;
 /// The steps in which the camera still zooms in, which dreams never show.
 const ZOOM_STEPS: usize = 55;
@@ -40,7 +40,7 @@ pub struct FitProbeConfig {
     pub n_episodes: usize,
     /// Further episodes that the errors are measured on.
     pub n_held_out: usize,
-    /// Steps from one example to the next, on average; at least 6.
+    /// Steps from one example to the next, on average. At least 6.
     pub stride: usize,
     /// Share of the examples that are also painted by the world model, in `[0, 1]`.
     pub painted: f64,
@@ -48,7 +48,7 @@ pub struct FitProbeConfig {
     pub n_updates: usize,
     /// Examples in an update.
     pub batch: usize,
-    /// Learning rate at the start; it falls to zero along a cosine.
+    /// Learning rate at the start. It falls to zero along a cosine.
     pub learning_rate: f64,
 }
 
@@ -95,7 +95,7 @@ pub struct Progress {
     pub done: usize,
     /// How many there are.
     pub n: usize,
-    /// Running mean of the loss; 0 before the network learns.
+    /// Running mean of the loss. 0 before the network learns.
     pub loss: f64,
 }
 
@@ -131,7 +131,7 @@ pub struct ProbeErrors {
 /// A fitted probe and how good it is.
 #[derive(Clone, Debug)]
 pub struct ProbeFit {
-    /// What [`Probe::load`] takes; the header tells the errors.
+    /// What [`Probe::load`] takes. The header tells the errors.
     pub parameters: Parameters,
     /// On real pictures.
     pub real: ProbeErrors,
@@ -154,7 +154,7 @@ impl Example {
     }
 }
 
-/// Fits a probe on episodes of `env`; where `report` breaks off, on what has been seen until then.
+/// Fits a probe on episodes of `env`. Where `report` breaks off, on what has been seen until then.
 ///
 /// It ends at the first loss that is no number.
 pub fn fit_probe(
@@ -230,7 +230,7 @@ fn drive(env: &mut dyn Env, episode: u64, config: &FitProbeConfig) -> Vec<Exampl
 /// A world model that paints what it sees as a dream would show it.
 struct Painter<'a> {
     model: &'a WorldModel,
-    eyes: Vae,
+    encoder: Vae,
 }
 
 impl<'a> Painter<'a> {
@@ -241,7 +241,7 @@ impl<'a> Painter<'a> {
         let layout = model.identity().layout();
         let loaded = model.parameters().fill("vae", &config.slots(), layout, &store);
         loaded.unwrap_or_else(|e| unreachable!("the model was loaded from them: {e}"));
-        Self { model, eyes: vae.for_inference(fast_kind()) }
+        Self { model, encoder: vae.for_inference(fast_kind()) }
     }
 
     /// The same moments in paint.
@@ -249,7 +249,7 @@ impl<'a> Painter<'a> {
         let mut painted = Vec::with_capacity(examples.len());
         for some in examples.chunks(PAINTED) {
             let mut repaint = |frames: Vec<Frame>| {
-                let (mean, log_var) = tch::no_grad(|| self.eyes.encode(&from_frames(&frames)));
+                let (mean, log_var) = tch::no_grad(|| self.encoder.encode(&from_frames(&frames)));
                 let z = &mean + (log_var * 0.5).exp() * normal(rng, &mean.size());
                 self.model.decode(&z)
             };
@@ -363,7 +363,7 @@ fn mirrored(sight: Sight) -> Sight {
 fn errors(probe: &Probe, examples: &[Example]) -> ProbeErrors {
     let (earlier, now): (Vec<_>, Vec<_>) =
         examples.iter().map(|example| (example.earlier.clone(), example.now.clone())).unzip();
-    let seen = probe.look(&earlier, &now);
+    let seen = probe.read(&earlier, &now);
     let pairs: Vec<_> = examples.iter().zip(&seen).collect();
     let share = |is: &dyn Fn(&Sight, &Sight) -> bool| {
         pairs.iter().filter(|(example, seen)| is(&example.shown, seen)).count() as f64
@@ -395,7 +395,7 @@ fn errors(probe: &Probe, examples: &[Example]) -> ProbeErrors {
     }
 }
 
-/// The area under the curve of true against false alarms: the rank sum of the positives; ½ where one side is empty.
+/// The area under the curve of true against false alarms: the rank sum of the positives. ½ where one side is empty.
 fn auc(scored: &[(bool, f32)]) -> f64 {
     let mut sorted = scored.to_vec();
     sorted.sort_by(|a, b| a.1.total_cmp(&b.1));
@@ -421,7 +421,7 @@ mod tests {
         assert_eq!(auc(&[]), 0.5);
     }
 
-    /// A grey road 8 pixels wide on green; the lateral offset is that of its middle from the picture's.
+    /// A grey road 8 pixels wide on green. The lateral offset is that of its middle from the picture's.
     fn toy(shift: i32) -> Example {
         let mut rgb = Vec::new();
         for _ in 0..20 {
@@ -454,7 +454,7 @@ mod tests {
         assert!(errors.off_road_accuracy > 0.9 && errors.lateral < 0.8, "{errors:?}");
     }
 
-    /// Minutes, not seconds: `cargo test --lib -- --ignored --nocapture a_probe_sees_well_enough_to_drive`;
+    /// Minutes, not seconds: `cargo test --lib -- --ignored --nocapture a_probe_sees_well_enough_to_drive`.
     /// `FIT_PROBE` may hold another configuration as JSON.
     #[test]
     #[ignore = "fits a whole probe, which takes minutes: for whoever changes the probe or its pilot"]
@@ -481,7 +481,7 @@ mod tests {
             loop {
                 if frames.len() % 2 == 1 {
                     let now = frames.len() - 1;
-                    player.see(probe.look(&frames[now.saturating_sub(GAP)..][..1], &frames[now..])[0]);
+                    player.see(probe.read(&frames[now.saturating_sub(GAP)..][..1], &frames[now..])[0]);
                 }
                 let outcome = env.advance(player.act());
                 frames.push(env.frame());

@@ -13,13 +13,13 @@ use crate::world_model::{State, WorldModel};
 const PLANNED: f64 = 0.8;
 /// How many steps a turn lasts, at the least and at the most.
 const STEPS: std::ops::Range<u32> = 40..160;
-/// The stream of whose turn it is; the player has that before.
+/// The stream of whose turn it is. The player has that before.
 const STREAM: u64 = 2;
 
-/// What is learned so far, and how the planner looks ahead with it.
+/// The reward learned so far, and how the planner looks ahead with it.
 #[derive(Debug)]
 pub struct Learned {
-    /// What the answers so far teach.
+    /// The reward learned from the answers so far.
     pub reward: InferenceReward,
     /// How the planner looks ahead.
     pub planner: PlannerConfig,
@@ -36,14 +36,14 @@ pub(super) struct Handover<'a> {
 }
 
 impl<'a> Handover<'a> {
-    /// A planner that follows what was `learned` takes turns; `seed` decides when, and draws its candidates.
+    /// A planner that follows what was `learned` takes turns. `seed` decides when, and draws its candidates.
     pub(super) fn new(learned: &'a Learned, seed: u64) -> Self {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         rng.set_stream(STREAM);
         Self { learned, rng, co_driver: None, steps_left: 0 }
     }
 
-    /// The planner's action in `state`; none where it is the player's turn.
+    /// The planner's action in `state`. None where it is the player's turn.
     ///
     /// # Shapes
     /// - `state`: a batch of one

@@ -1,7 +1,7 @@
 //! Stand-ins for people: they drive, see and answer, so that everything runs without anyone at the keys.
 //!
 //! In dreams they see only decoded pixels, as a person does, through a [`probe`] that was fitted on the simulator.
-//! They serve tests and experiments; the reward that a user teaches knows nothing of them.
+//! They serve tests and experiments. The reward that a user trains knows nothing of them.
 
 mod actuation;
 pub mod annotator;
@@ -16,7 +16,7 @@ pub mod record;
 pub mod run;
 pub mod sparse_simulate;
 
-pub use annotator::{Annotator, Judgement};
+pub use annotator::{Annotator, Perception};
 pub use fit_probe::{FitProbeConfig, ProbeErrors, ProbeFit, fit_probe};
 pub use player::DreamPlayer;
 pub use probe::{Probe, ProbeConfig, Sight};

@@ -15,7 +15,7 @@ use crate::env::{Action, STEPS_PER_SEC, Truth};
 const WHEELBASE: f32 = 3.24;
 /// Units from node to node.
 const NODE_STEP: f32 = 3.5;
-/// Beyond this coordinate in units the pilot heads back; the field ends at 333.
+/// Beyond this coordinate in units the pilot heads back. The field ends at 333.
 const FIELD_MARGIN: f32 = 285.0;
 
 /// How somebody drives.
@@ -27,7 +27,7 @@ pub struct PilotStyle {
     pub pauses: f64,
     /// Share of stretches driven by keys, in `[0, 1]`.
     pub keys: f64,
-    /// Share of stretches driven by the planner's menu, in `[0, 1]`; what is left is driven by stick.
+    /// Share of stretches driven by the planner's menu, in `[0, 1]`. What is left is driven by stick.
     pub menu: f64,
     /// The slowest and the fastest speed aimed at, in units a second.
     pub speeds: [f32; 2],

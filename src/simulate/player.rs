@@ -1,4 +1,4 @@
-//! Driving in dreams by eye: mostly along the road, at many speeds, with deliberate trips onto the grass and back.
+//! Driving in dreams by what the pictures show: mostly along the road, at many speeds, with deliberate trips onto the grass and back.
 //!
 //! Unsafe driving is what dreams are for: more than half of the paper's queries show some.
 
@@ -18,9 +18,9 @@ use crate::planner::{PlannerConfig, candidates};
 use crate::tensor::{NotFinite, dims, to_vec};
 use crate::world_model::{LatentState, Memory, Next, Noise, State, WorldModel, actions_tensor};
 
-/// Steps from one look to the next; a person does not look more often than 25 times a second.
+/// Steps from one view to the next. A person does not look more often than 25 times a second.
 const VIEW_STEPS: usize = 2;
-/// How much of a new look replaces what was seen before: dreams tremble.
+/// How much of a new view replaces what was seen before: dreams tremble.
 const TRUST: f32 = 0.6;
 
 /// A pilot who explores freely: wilder than those who record, and more often with the planner's actions.
@@ -56,7 +56,7 @@ pub enum Manner {
     /// Off the road nearly half of the time, at any speed.
     #[default]
     Exploring,
-    /// Fast along the road; slow trips onto the grass.
+    /// Fast along the road. Slow trips onto the grass.
     Touring,
 }
 
@@ -98,7 +98,7 @@ impl DreamPlayer {
         self.seen = Some(self.seen.map_or(sight, |seen| seen.blended(&sight, TRUST)));
     }
 
-    /// The action of this step; none before anything was seen.
+    /// The action of this step. None before anything was seen.
     ///
     /// Now and then it is one of the authors' planner's courses of action, whatever comes of it: the reward will be asked
     /// about such, so the dreams had better show where they lead. Ours brakes less hard, and lies between those.
@@ -127,10 +127,10 @@ pub fn play(
     Ok(played?.into_iter().flatten().next().unwrap_or_else(|| unreachable!("nobody broke off")))
 }
 
-/// Dreams side by side, each from its start and with its own seed; `on_step` hears the count of steps.
+/// Dreams side by side, each from its start and with its own seed. `on_step` is told the count of steps.
 ///
 /// Where something was `learned`, the player and a planner that follows it drive in turns.
-/// Nothing comes where `on_step` breaks off; where what is dreamed or planned is no number, that is the error.
+/// Nothing comes where `on_step` breaks off. Where what is dreamed or planned is no number, that is the error.
 pub fn play_all(
     model: &WorldModel,
     probe: &Probe,
@@ -162,7 +162,7 @@ pub fn play_all(
             // Before there is a view of GAP steps ago, the present one stands in for it: nothing moves.
             let now = &views[views.len() - 1];
             let earlier = if views.len() > GAP / VIEW_STEPS { &views[0] } else { now };
-            for (player, sight) in players.iter_mut().zip(probe.look(earlier, now)) {
+            for (player, sight) in players.iter_mut().zip(probe.read(earlier, now)) {
                 player.see(sight);
             }
         }

@@ -1,4 +1,4 @@
-//! Eyes for stand-ins: a small network that reads off a picture where on the road the car is, how it moves, and what it
+//! What stand-ins see with: a small network that reads off a picture where on the road the car is, how it moves, and what it
 //! touches.
 //!
 //! It sees what a person sees: the present picture, and one of a moment before for the motion.
@@ -36,22 +36,22 @@ pub struct Sight {
     pub off_road: f32,
     /// Probability that all four are, in `[0, 1]`.
     pub all_off: f32,
-    /// Signed distance from the center line in units; positive is right of it.
+    /// Signed distance from the center line in units. Positive is right of it.
     pub lateral: f32,
-    /// Heading of the car against that of the road in radians; positive points left of it.
+    /// Heading of the car against that of the road in radians. Positive points left of it.
     pub heading_error: f32,
     /// Velocity along and to the right of the road, units a second.
     pub road_velocity: [f32; 2],
-    /// The road's change of direction over the next 5, 10 and 20 nodes, radians; positive is left.
+    /// The road's change of direction over the next 5, 10 and 20 nodes, radians. Positive is left.
     pub bends: [f32; 3],
-    /// Probability that a wheel is in a chuckhole, in `[0, 1]`; 0 where there are none.
+    /// Probability that a wheel is in a chuckhole, in `[0, 1]`. 0 where there are none.
     pub chuckhole: f32,
-    /// Probability that the hull touches another car, in `[0, 1]`; 0 where there are none.
+    /// Probability that the hull touches another car, in `[0, 1]`. 0 where there are none.
     pub car: f32,
 }
 
 impl Sight {
-    /// What perfect eyes see.
+    /// What a perfect probe sees.
     pub fn of(truth: &Truth) -> Self {
         let share = |is: bool| if is { 1.0 } else { 0.0 };
         let contacts = truth.contacts.unwrap_or_default();
@@ -67,7 +67,7 @@ impl Sight {
         }
     }
 
-    /// Something a pilot can drive by; what no picture shows, such as the place on the map, is left at zero.
+    /// Something a pilot can drive by. What no picture shows, such as the place on the map, is left at zero.
     pub fn as_truth(&self) -> Truth {
         let [along, across] = self.road_velocity;
         Truth {
@@ -138,7 +138,7 @@ pub struct ProbeConfig {
 }
 
 impl ProbeConfig {
-    /// For frames of 84 pixels; 190 000 parameters.
+    /// For frames of 84 pixels. 190 000 parameters.
     pub fn car_racing() -> Self {
         Self {
             side: 84,
@@ -333,7 +333,7 @@ impl Probe {
     /// What the pictures `now` show, each [`GAP`] steps after the one in `earlier`.
     ///
     /// Where both are the same picture nothing moves.
-    pub fn look(&self, earlier: &[Frame], now: &[Frame]) -> Vec<Sight> {
+    pub fn read(&self, earlier: &[Frame], now: &[Frame]) -> Vec<Sight> {
         assert_eq!(earlier.len(), now.len(), "pictures come in pairs");
         let mut sights = Vec::with_capacity(now.len());
         let n_outputs = self.net.config.n_outputs();
@@ -344,11 +344,11 @@ impl Probe {
         sights
     }
 
-    /// What each picture of a clip shows; the motion in the first [`GAP`] is that of the one after them.
+    /// What each picture of a clip shows. The motion in the first [`GAP`] is that of the one after them.
     pub fn watch(&self, clip: &[Frame]) -> Vec<Sight> {
         let n_still = GAP.min(clip.len());
         let earlier: Vec<_> = clip[..n_still].iter().chain(clip).take(clip.len()).cloned().collect();
-        let mut sights = self.look(&earlier, clip);
+        let mut sights = self.read(&earlier, clip);
         if let Some(&Sight { road_velocity, .. }) = sights.get(GAP) {
             for sight in &mut sights[..GAP] {
                 sight.road_velocity = road_velocity;
@@ -405,7 +405,7 @@ mod tests {
 
         assert_eq!(sights.len(), 6);
         assert_eq!(sights[0].road_velocity, sights[GAP].road_velocity, "no motion is seen before");
-        let alone = probe.look(&clip[1..2], &clip[5..])[0];
+        let alone = probe.read(&clip[1..2], &clip[5..])[0];
         assert!((sights[5].lateral - alone.lateral).abs() < 0.02, "four steps apart");
     }
 }

@@ -1,4 +1,4 @@
-//! Which queries a simulation asks: what the window does with a person, without a clock.
+//! Which queries a simulation asks: what the window does for a person, without a clock.
 
 use std::ops::ControlFlow;
 
@@ -15,14 +15,14 @@ use crate::world_model::WorldModel;
 /// From so many labels on a reward is learned, and again whenever a tenth of them is new.
 const MIN_LABELS: usize = 10;
 const NEW_SHARE: usize = 10;
-/// The stream of what is chosen; answers have those from 1 on.
+/// The stream of what is chosen. Answers have those from 1 on.
 const STREAM: u64 = u64::MAX;
 
 /// Chooses pairs, learning a reward along where that is what chooses.
 pub(super) struct QueryPolicy {
     strategy: Strategy,
-    /// How many dreams it has met.
-    n_met: usize,
+    /// How many dreams it was given.
+    n_dreams: usize,
     lens: Vec<(DreamId, usize)>,
     marks: Vec<(DreamId, usize)>,
     known: KnownSafety,
@@ -48,16 +48,16 @@ impl QueryPolicy {
         rng.set_stream(STREAM);
         let learner = (strategy == Strategy::Disagreement).then(|| Learner::new(model, reward, seed));
         let known = KnownSafety::default();
-        Self { strategy, n_met: 0, lens: Vec::new(), marks: Vec::new(), known, rng, learner }
+        Self { strategy, n_dreams: 0, lens: Vec::new(), marks: Vec::new(), known, rng, learner }
     }
 
-    /// Asks from now on about `dreams`, whose ids follow those of the ones that it met before.
-    pub(super) fn meet(&mut self, model: &WorldModel, dreams: &[DreamEpisode]) {
-        let numbered = || (self.n_met as u32..).map(DreamId).zip(dreams);
+    /// Asks from now on about `dreams`, whose ids follow those of the ones that it was given before.
+    pub(super) fn add_dreams(&mut self, model: &WorldModel, dreams: &[DreamEpisode]) {
+        let numbered = || (self.n_dreams as u32..).map(DreamId).zip(dreams);
         let marks = numbered().flat_map(|(id, dream)| dream.unsafe_marks.iter().map(move |mark| (id, *mark)));
         let (lens, marks) = (numbered().map(|(id, dream)| (id, dream.len())).collect(), marks.collect());
         (self.lens, self.marks) = (lens, marks);
-        self.n_met += dreams.len();
+        self.n_dreams += dreams.len();
         if let Some(learner) = &mut self.learner {
             let read = dreams.iter().map(|dream| (dream.actions.clone(), dream.features(model)));
             learner.dreams.extend(read);
@@ -84,16 +84,16 @@ impl QueryPolicy {
         pair.map_or((query, Strategy::Uniform), |[left, right]| (Query { left, right, ..query }, *strategy))
     }
 
-    /// Takes in what was answered.
-    pub(super) fn hear(
+    /// Observes an answer, and learns from it where a reward chooses.
+    pub(super) fn observe(
         &mut self,
         query: Query,
         response: Response,
         label: Option<Label>,
     ) -> Result<(), NotFinite> {
-        self.known.hear([query.left, query.right], response);
+        self.known.record([query.left, query.right], response);
         if let (Some(learner), Some(label)) = (&mut self.learner, label) {
-            learner.hear(query, label)?;
+            learner.observe(query, label)?;
         }
         Ok(())
     }
@@ -118,9 +118,9 @@ impl Learner {
         (0..pairs.len()).max_by(|a, b| found[*a].total_cmp(&found[*b])).map(|most| pairs[most])
     }
 
-    fn hear(&mut self, query: Query, label: Label) -> Result<(), NotFinite> {
+    fn observe(&mut self, query: Query, label: Label) -> Result<(), NotFinite> {
         let pair = SegmentPair { left: self.rows(query.left), right: self.rows(query.right), label };
-        self.trainer.take_up(&pair);
+        self.trainer.add(&pair);
         self.n_new += 1;
         let n = self.trainer.n_labels();
         if n >= MIN_LABELS && self.n_new * NEW_SHARE >= n {

@@ -38,7 +38,7 @@ pub struct Recorded {
 /// the same whatever was recorded before. So a run that was stopped goes on where it is started again, and two
 /// programs can share the work, each with a range and a dataset of its own.
 ///
-/// `progress` hears of each episode once it is sealed, and may stop there.
+/// `progress` is told of each episode once it is sealed, and may stop there.
 pub fn record(
     env: &mut dyn Env,
     dataset: &mut Dataset,
@@ -233,12 +233,12 @@ mod tests {
     fn progress_tells_what_was_driven() {
         let (_dir, mut dataset) = dataset();
         let mut env = Clockwork { seed: 0, time: 0 };
-        let mut heard = Vec::new();
+        let mut told = Vec::new();
         record(&mut env, &mut dataset, 4..5, 1, |recorded| {
-            heard.push(recorded);
+            told.push(recorded);
             ControlFlow::Continue(())
         })
         .unwrap();
-        assert_eq!(heard, [Recorded { k: 4, n_steps: 6, n_grass: 1, ret: 21.0, ..Recorded::default() }]);
+        assert_eq!(told, [Recorded { k: 4, n_steps: 6, n_grass: 1, ret: 21.0, ..Recorded::default() }]);
     }
 }

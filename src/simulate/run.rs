@@ -6,7 +6,7 @@ use rand::{RngExt as _, SeedableRng as _};
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 
-use super::annotator::{Annotator, Judgement};
+use super::annotator::{Annotator, Perception};
 use super::handover::Learned;
 use super::player::{Manner, play_all};
 use super::probe::{Probe, Sight};
@@ -33,7 +33,7 @@ pub struct SimulateConfig {
     pub protocols: Vec<Protocol>,
     /// What may be named where several justifications are asked for.
     pub justifications: Justifications,
-    /// Queries; those that are skipped count, as in the paper.
+    /// Queries. Those that are skipped count, as in the paper.
     pub n_queries: usize,
     /// Dreams. Paper: 10.
     pub n_dreams: usize,
@@ -41,7 +41,7 @@ pub struct SimulateConfig {
     pub dream_steps: usize,
     /// In how many rounds: each plays its share of the dreams and answers its share of the queries, about those dreams.
     /// From the second on, the planner drives in turns with the player, by what was learned so far. Paper: 1.
-    // DIFFERENCE: with more than one, what is dreamed depends on the answers; in the paper it does not.
+    // DIFFERENCE: with more than one, what is dreamed depends on the answers. In the paper it does not.
     #[serde(default = "one")]
     pub n_rounds: usize,
     /// How the player drives.
@@ -115,9 +115,9 @@ pub struct Answered {
     /// How it was chosen.
     pub strategy: Strategy,
     /// What was seen on the left.
-    pub left: Judgement,
+    pub left: Perception,
     /// What was seen on the right.
-    pub right: Judgement,
+    pub right: Perception,
     /// What was said.
     pub response: Response,
 }
@@ -139,7 +139,7 @@ impl Simulated {
         n_unsafe as f64 / (2 * self.answers.len()).max(1) as f64
     }
 
-    /// What the answers so far teach.
+    /// The reward learned from the answers so far.
     fn learned(&self, model: &WorldModel, config: &SimulateConfig) -> Result<Learned, NotFinite> {
         let weights = weights(config);
         let label = |answered: &Answered| {
@@ -158,9 +158,9 @@ impl Simulated {
     }
 }
 
-/// Plays and answers, all decided by the seed; dreams begin at the `starts` in turn.
+/// Plays and answers, all decided by the seed. Dreams begin at the `starts` in turn.
 ///
-/// Nothing comes where `on_progress` breaks off; where a number is none, that is the error.
+/// Nothing comes where `on_progress` breaks off. Where a number is none, that is the error.
 ///
 /// # Panics
 /// Where there is no start, no protocol, or a round without a dream.
@@ -210,13 +210,13 @@ pub fn simulate(
                 return Ok(None);
             }
         }
-        policy.meet(model, &dreams);
+        policy.add_dreams(model, &dreams);
         simulated.dreams.extend(dreams);
         let queries = share(config.n_queries);
         let first = QueryId(queries.start as u32);
         for query in sample_queries(policy.lens(), queries.len(), first, &mut rng) {
             let answered = answer(config, probe, &pictures, policy.choose(query));
-            policy.hear(answered.query, answered.response, weights.label(&answered.response))?;
+            policy.observe(answered.query, answered.response, weights.label(&answered.response))?;
             simulated.answers.push(answered);
             let n_answers = simulated.answers.len();
             if on_progress(Progress::Answered(n_answers, config.n_queries)).is_break() {
@@ -227,7 +227,7 @@ pub fn simulate(
     Ok(Some(simulated))
 }
 
-/// What the answers weigh.
+/// The weights of the answers.
 fn weights(config: &SimulateConfig) -> Weights {
     Weights { justifications: config.justifications.clone(), ..Weights::car_racing() }
 }
@@ -241,7 +241,7 @@ fn answer(
 ) -> Answered {
     let SimulateConfig { annotator, protocols, justifications, .. } = config;
     let clip = |SegmentRef { dream, start }| &pictures[dream.0 as usize][start..start + SEGMENT_LEN];
-    let [left, right] = [query.left, query.right].map(|at| annotator.judge(probe, clip(at)));
+    let [left, right] = [query.left, query.right].map(|at| annotator.watch(probe, clip(at)));
     // A stream of its own: what is said to one query does not hang on the others.
     let mut rng = ChaCha8Rng::seed_from_u64(config.seed);
     rng.set_stream(1 + u64::from(query.id.0));
@@ -272,7 +272,7 @@ mod tests {
     use crate::simulate::probe::{Net, ProbeConfig};
     use crate::world_model::{WorldModelConfig, untrained};
 
-    /// Eyes, a world and a place in it, none of which has learned anything.
+    /// A probe, a world and a place in it, none of which has learned anything.
     fn blank() -> (WorldModel, Probe, LatentState) {
         let model = untrained(&WorldModelConfig::tiny(), &mut ChaCha8Rng::seed_from_u64(0));
         let (store, config) = (nn::VarStore::new(Device::Cpu), ProbeConfig::tiny());

@@ -5,7 +5,7 @@ use std::ops::ControlFlow;
 use rand::{Rng, RngExt as _, SeedableRng as _};
 use rand_chacha::ChaCha8Rng;
 
-use super::annotator::{Annotator, Judgement};
+use super::annotator::{Annotator, Perception};
 use super::player::play_all;
 use super::probe::{Probe, Sight};
 use super::run::{Progress, SimulateConfig};
@@ -40,7 +40,7 @@ pub struct AnsweredTransition {
 pub struct SparseSimulation {
     /// In the order of their [`DreamId`]s.
     pub dreams: Vec<DreamEpisode>,
-    /// What each was made to be; nothing where they were played.
+    /// What each was made to be. Nothing where they were played.
     pub wanted: Vec<Acquisition>,
     /// In the order of asking.
     pub answers: Vec<AnsweredTransition>,
@@ -96,13 +96,13 @@ impl Annotator {
     ///
     /// `// DIFFERENCE:` a new tile cannot be seen in a dream of 84 pixels: whoever gets on along the road gets new ones.
     pub fn verdict(&self, sights: &[Sight], rng: &mut impl Rng) -> Response {
-        // Always the same draws, so that turning one knob leaves the luck of the others alone.
+        // Always the same draws, so that one parameter leaves the chance of the others alone.
         let (is_mistaken, misjudges) = (rng.random_bool(self.eps_mistake), rng.random_bool(self.eps_safety));
-        let seen = Judgement::of(sights);
+        let seen = Perception::of(sights);
         let Some((off_road, tiles)) = seen.off_road.last().zip(seen.tiles.last()) else {
             return Response::Skipped(Some(SkipReason::Other));
         };
-        if self.eps_skip.is_some_and(|most| seen.doubt > most) {
+        if self.eps_skip.is_some_and(|most| seen.jumps > most) {
             return Response::Skipped(Some(SkipReason::Hallucinated));
         }
         let gets_on = (*tiles >= ONWARD) != is_mistaken;
@@ -116,7 +116,7 @@ impl Annotator {
 
 /// DROS: dreams are played, trajectories are drawn from them, and all their transitions are labeled.
 ///
-/// Nothing comes where `on_progress` breaks off; where a number is none, that is the error.
+/// Nothing comes where `on_progress` breaks off. Where a number is none, that is the error.
 ///
 /// # Panics
 /// Where there is no start.
@@ -152,7 +152,7 @@ pub fn simulate_dros(
 
 /// ReQueST: trajectories are made that are worth asking about, labeled, learned from, and made anew (method §10.1).
 ///
-/// Nothing comes where `on_progress` breaks off; where a number is none, that is the error.
+/// Nothing comes where `on_progress` breaks off. Where a number is none, that is the error.
 ///
 /// # Panics
 /// Where there is no start.
@@ -176,7 +176,7 @@ pub fn simulate_request(
             break;
         }
         if round > 0 {
-            // DIFFERENCE: the authors go on with networks that were fitted before; like ReQueST we begin anew.
+            // DIFFERENCE: the authors go on with networks that were fitted before. Like ReQueST we begin anew.
             reward = refit(model, learning, config.seed, &simulated)?;
         }
         let wanted = starts.iter().cycle().take(ROUND.min(n_left.div_ceil(TRAJECTORY_LEN - 1)));

@@ -1,6 +1,6 @@
 //! The container of all arrays on disk, safetensors: read within bounds, and written alike for the same content.
 //!
-//! The reader of the crate `safetensors` trusts sums of sizes and forgets in which order a header tells things; this one
+//! The reader of the crate `safetensors` trusts sums of sizes and forgets in which order a header tells things. This one
 //! trusts nothing, and what it has read can be written again byte by byte.
 
 use std::fmt;
@@ -12,7 +12,7 @@ use serde::{Deserialize, Deserializer};
 
 use crate::tensor::limits::{MAX_AXES, MAX_HEADER, MAX_NUMBERS, MAX_TENSORS};
 
-/// Bytes that tell how long the header is; its length is a multiple of them.
+/// Bytes that tell how long the header is. Its length is a multiple of them.
 const N_LEN: usize = 8;
 /// What the metadata is called among the tensors.
 const METADATA: &str = "__metadata__";
@@ -145,7 +145,7 @@ impl<'a> Container<'a> {
 
     /// The numbers of a tensor of this file, where they are floating.
     ///
-    /// F16 and BF16 are widened exactly; F64 is rounded.
+    /// F16 and BF16 are widened exactly. F64 is rounded.
     pub fn floats(&self, entry: &Entry) -> Option<Vec<f32>> {
         let bytes = self.bytes(entry);
         let halves = || bytes.as_chunks::<2>().0.iter().map(|bytes| u16::from_le_bytes(*bytes));

@@ -59,7 +59,7 @@ impl OutOfRange {
     }
 }
 
-/// Fails where `found` does not lie in `range`; what is not a number lies in none.
+/// Fails where `found` does not lie in `range`. What is not a number lies in none.
 pub fn within<T: PartialOrd + Display>(
     what: &str,
     found: T,

@@ -194,7 +194,7 @@ fn in_layout_1(description: &str) -> Option<String> {
     description.strip_prefix(&format!("{{\"layout\":{LAYOUT},")).map(|rest| format!("{{{rest}"))
 }
 
-/// The layout that a description tells; without one it is the first.
+/// The layout that a description tells. Without one it is the first.
 pub fn layout_of(description: Option<&str>) -> Result<u32, DescriptionError> {
     match description {
         Some(description) => describes::<serde_json::Value>(Some(description)).map(|(layout, _)| layout),
@@ -338,7 +338,7 @@ impl Parameters {
         Ok(())
     }
 
-    /// These and others, under the same header; one that has the name of one of these takes its place.
+    /// These and others, under the same header. One that has the name of one of these takes its place.
     pub fn with(&self, others: impl IntoIterator<Item = (String, Tensor)>) -> Self {
         let Ok(container) = self.container() else { return self.clone() };
         let others: Vec<_> = others.into_iter().map(|(name, tensor)| part(name, &tensor)).collect();
@@ -348,7 +348,7 @@ impl Parameters {
         Self::of_parts(container.metadata.as_deref(), parts)
     }
 
-    /// The same with the numbers of all tensors that are `chosen` stored as `dtype`; each is rounded to the nearest.
+    /// The same with the numbers of all tensors that are `chosen` stored as `dtype`. Each is rounded to the nearest.
     pub fn narrowed(&self, dtype: Dtype, chosen: impl Fn(&str) -> bool) -> Result<Self, ParametersError> {
         let container = self.container()?;
         let mut parts = parts_of(&container);
@@ -364,7 +364,7 @@ impl Parameters {
         Ok(Self::of_parts(container.metadata.as_deref(), parts))
     }
 
-    /// The same parameters in another layout, all else in its place; nothing where they cannot be that.
+    /// The same parameters in another layout, all else in its place. Nothing where they cannot be that.
     ///
     /// `key` is where the metadata tells the layout, `from` the one in which they are, and `networks` are prefixes and
     /// the tensors of a network each.
@@ -403,7 +403,7 @@ impl Parameters {
         Some(from_slice(&container.floats(entry)?, &shape))
     }
 
-    /// The tensor called `name`, if there is one; all its numbers must be finite.
+    /// The tensor called `name`, if there is one. All its numbers must be finite.
     pub fn finite(&self, name: &str) -> Result<Option<Tensor>, ParametersError> {
         let container = self.container()?;
         if container.entry(name).is_none() {
@@ -452,7 +452,7 @@ pub fn is_finite(tensor: &Tensor) -> bool {
     tch::no_grad(|| tensor.isfinite().all().int64_value(&[]) == 1)
 }
 
-/// Fails where a variable of `store` is not finite; `whose` says of what it is one.
+/// Fails where a variable of `store` is not finite. `whose` says of what it is one.
 pub fn require_finite(store: &nn::VarStore, whose: &str) -> Result<(), NotFinite> {
     let variables = store.variables();
     let mut names: Vec<_> = variables.iter().filter(|(_, tensor)| !is_finite(tensor)).collect();

@@ -141,7 +141,7 @@ impl App {
         // That of a session before this one has another seed.
         let kept = session.dreams().get(dream.0 as usize);
         if kept.is_some_and(|kept| kept.seed == seed && kept.len == signs.len()) {
-            self.state.label.screen.know(dream, signs);
+            self.state.label.screen.add_dream(dream, signs);
             self.learn_doubt();
         }
     }
@@ -178,7 +178,7 @@ fn screened(state: &State, rng: &mut ChaCha8Rng, draw: &Draw<'_>) -> Option<[Seg
             break;
         }
         let other = draw(rng)?;
-        if screen.doubt(other) < screen.doubt(best) {
+        if screen.anomaly(other) < screen.anomaly(best) {
             best = other;
         }
     }

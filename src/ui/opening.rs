@@ -151,7 +151,7 @@ impl App {
                 .fail("this session was dreamed with another world model: load that one first".to_owned());
         }
         if let Some(identity) = &self.state.world.identity
-            && let Err(e) = opened.meet(identity)
+            && let Err(e) = opened.bind_model(identity)
         {
             return self.fail(e.to_string());
         }

@@ -161,7 +161,7 @@ impl Librarian<'_> {
             // A killed program left it so. Where somebody records, that can wait.
             change(dir, LONG_PATIENCE, |_| Ok(())).unwrap_or_else(|e| log::warn!("{e}"));
         }
-        let dataset = Dataset::look(dir)?;
+        let dataset = Dataset::inspect(dir)?;
         self.reports.send(Report::Shelf(Shelf {
             dataset: dir.to_owned(),
             episodes: dataset.summaries().collect(),
@@ -242,7 +242,7 @@ fn change(
     patience: Duration,
     change: impl FnOnce(&mut Dataset) -> Result<(), DatasetError>,
 ) -> Result<(), DatasetError> {
-    let there = Dataset::look(dir)?;
+    let there = Dataset::inspect(dir)?;
     let env = there.env().map(str::to_owned).or(there.deleted().map(|deleted| deleted.info.env));
     let Some(env) = env else { return Err(DatasetError::Missing { path: dir.to_owned() }) };
     let since = Instant::now();

@@ -7,7 +7,7 @@ use crate::world_model::mdn_rnn::{MdnRnn, Memory};
 
 /// A frozen [`MdnRnn`] that follows the mean of its mixtures.
 ///
-/// One product takes in latents, action and output together, against weights that lie as the product reads them; the
+/// One product takes in latents, action and output together, against weights that lie as the product reads them. The
 /// head's deviations are left out. Looking ahead from 15 states at once then takes less than half the time.
 #[derive(Debug)]
 pub(super) struct FusedRollout {

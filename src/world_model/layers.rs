@@ -22,7 +22,7 @@ pub struct Layer {
 }
 
 impl Layer {
-    /// Fails where the numbers are none of a convolution; `what` names it.
+    /// Fails where the numbers are none of a convolution. `what` names it.
     fn check(self, what: &str) -> Result<(), OutOfRange> {
         within(&format!("the number of channels of {what}"), self.channels, 1..=MAX_WIDTH)?;
         within(&format!("the kernel of {what}"), self.kernel, 1..=MAX_KERNEL)?;
@@ -206,7 +206,7 @@ impl Deconv {
             let y = x.conv_transpose2d(&weight, Some(&bias), [stride; 2], [padding; 2], [0; 2], 1, [1; 2]);
             return channels_last(&y);
         }
-        // Every input pixel stamps a k × k patch; overlapping stamps add up, row by row and then column by column.
+        // Every input pixel stamps a k × k patch. Overlapping stamps add up, row by row and then column by column.
         // A stride of s makes of k rows k / s groups of s that stay together.
         let [b, p, q, c] = dims(x);
         let (n, width) = (k / stride, stride * k * channels);

@@ -86,7 +86,7 @@ impl Clone for Memory {
     }
 }
 
-/// A mixture of K Gaussians **for each latent coordinate by itself**; the three tensors are `[…, Z, K]`.
+/// A mixture of K Gaussians **for each latent coordinate by itself**. The three tensors are `[…, Z, K]`.
 ///
 /// (Some world models share one mixture over all coordinates; this one, like the original, does not.)
 #[derive(Debug)]
@@ -139,7 +139,7 @@ impl Mixture {
     /// - returns `[B, Z]`
     pub fn sample(&self, temperature: f64, noise: &Noise) -> Tensor {
         let cumulative = (&self.log_pi / temperature).softmax(-1, Kind::Float).cumsum(-1, Kind::Float);
-        // The first component whose cumulative weight reaches u: as many as lie below it; rounding must not pass the last.
+        // The first component whose cumulative weight reaches u: as many as lie below it. Rounding must not pass the last.
         let last = self.log_pi.size()[self.log_pi.dim() - 1] - 1;
         let component =
             cumulative.lt_tensor(&noise.uniform.unsqueeze(-1)).sum_dim_intlist(-1, true, Kind::Int64);
@@ -243,7 +243,7 @@ impl MdnRnn {
 
     /// How surprised the memory is by what came: the mean over all real steps and coordinates (method §4.3).
     ///
-    /// Step t's latents and action are answered for by step t + 1's latents; the last action is not used.
+    /// Step t's latents and action are answered for by step t + 1's latents. The last action is not used.
     ///
     /// # Shapes
     /// - `zs`: `[B, T, Z]`, `actions`: `[B, T, A]`, `lens`: how many of the T steps of each row are real
@@ -252,7 +252,7 @@ impl MdnRnn {
         let [_, t, z] = dims(zs);
         let hs = self.run(&zs.narrow(1, 0, t - 1), &actions.narrow(1, 0, t - 1)); // [B, T − 1, M]
         let nll = self.mixture(&hs).nll(&zs.narrow(1, 1, t - 1)); // [B, T − 1, Z]
-        // DIFFERENCE: the authors count padded steps too; we do not.
+        // DIFFERENCE: the authors count padded steps too. We do not.
         let step = Tensor::arange(t - 1, (Kind::Int64, tch::Device::Cpu));
         let n_targets = Tensor::from_slice(lens).unsqueeze(1) - 1;
         let mask = step.unsqueeze(0).lt_tensor(&n_targets).to_kind(Kind::Float).unsqueeze(2); // [B, T − 1, 1]
@@ -308,7 +308,7 @@ mod tests {
             to_vec(&mixture.sample(1.0, &noise))[0]
         };
         assert_eq!([draw(0.2), draw(0.3), draw(0.999_999_9)], [-1.0, 1.0, 1.0]);
-        assert!((mixture.mean(1.0).double_value(&[0, 0]) - 0.5).abs() < 1e-6, "the mean weighs both");
+        assert!((mixture.mean(1.0).double_value(&[0, 0]) - 0.5).abs() < 1e-6, "the mean averages both");
         assert!(mixture.mean(0.1).double_value(&[0, 0]) > 0.99, "a low temperature sharpens");
     }
 

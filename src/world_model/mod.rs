@@ -120,11 +120,11 @@ impl State {
     /// # Shapes
     /// - returns `[B, Z + 2 M]`
     pub fn features(&self) -> Tensor {
-        // DIFFERENCE: the paper writes [h, z]; the authors' code, which made the numbers, has this order (method §14.6).
+        // DIFFERENCE: the paper writes [h, z]. The authors' code, which made the numbers, has this order (method §14.6).
         Tensor::cat(&[&self.z, &self.memory.c, &self.memory.h], 1)
     }
 
-    /// Fails where one of the states is not made of numbers; `what` says which they are.
+    /// Fails where one of the states is not made of numbers. `what` says which they are.
     pub fn require_finite(&self, what: &str) -> Result<(), NotFinite> {
         let part = |name: &str, part: &Tensor| {
             let met = || NotFinite(format!("what the world model makes of {what} ({name})"));
@@ -148,7 +148,7 @@ impl State {
         Self { z: all(|state| &state.z), memory }
     }
 
-    /// This state `b` times over; it must be a batch of one.
+    /// This state `b` times over. It must be a batch of one.
     pub fn repeated(&self, b: i64) -> Self {
         let repeat = |tensor: &Tensor| tensor.expand([b, -1], false);
         let memory = Memory { c: repeat(&self.memory.c), h: repeat(&self.memory.h) };
@@ -197,7 +197,7 @@ pub enum Next<'a> {
     },
 }
 
-/// Vision and memory together, for use; their training is in `fit`.
+/// Vision and memory together, for use. Their training is in `fit`.
 #[derive(Debug)]
 pub struct WorldModel {
     config: WorldModelConfig,
@@ -241,7 +241,7 @@ impl From<ParametersError> for WorldModelError {
 }
 
 impl WorldModel {
-    /// The model whose networks `parameters` hold; their header says which they are.
+    /// The model whose networks `parameters` hold. Their header says which they are.
     pub fn load(parameters: Parameters) -> Result<Self, WorldModelError> {
         let identity = ModelIdentity::of(&parameters)?;
         let (layout, config) = (identity.layout(), identity.config().clone());
@@ -331,7 +331,7 @@ impl WorldModel {
         Memory::zeros(b, &self.config.mdn_rnn)
     }
 
-    /// The memory after taking in a state and an action; it depends on nothing else.
+    /// The memory after taking in a state and an action. It depends on nothing else.
     ///
     /// # Shapes
     /// - `actions`: `[B, A]`, as driven
@@ -367,7 +367,7 @@ impl WorldModel {
         State { z: self.mdn_rnn.mixture(&memory.h).mean(temperature), memory }
     }
 
-    /// What the model expects after `memory`, for measuring surprise and doubt.
+    /// What the model expects after `memory`, for measuring surprise and uncertainty.
     pub fn expect(&self, memory: &Memory) -> Mixture {
         tch::no_grad(|| self.mdn_rnn.mixture(&memory.h))
     }

@@ -20,7 +20,7 @@ pub struct VaeConfig {
     pub latent: i64,
     /// From the frame inwards.
     pub encoder: Vec<Layer>,
-    /// From the latents outwards; the last makes the three colors.
+    /// From the latents outwards. The last makes the three colors.
     pub decoder: Vec<Layer>,
     /// τ: nats per latent below which the divergence costs nothing more.
     pub free_bits: f64,
@@ -32,7 +32,7 @@ pub struct VaeConfig {
 impl VaeConfig {
     /// The paper's network for Car Racing (Table 3): 84 pixels, 32 latents, 3 337 747 parameters.
     pub fn car_racing() -> Self {
-        // DIFFERENCE: Table 3 prints the third stride as 1, which does not give the sizes it prints; it is 2.
+        // DIFFERENCE: Table 3 prints the third stride as 1, which does not give the sizes it prints. It is 2.
         let encoder = layers(&[(24, 4, 2), (48, 4, 2), (96, 4, 2), (192, 4, 1), (384, 4, 1)], 0);
         let decoder = layers(&[(192, 4, 1), (96, 4, 1), (48, 5, 2), (24, 5, 2), (3, 4, 2)], 0);
         Self { side: 84, latent: 32, encoder, decoder, free_bits: 0.5, emphasis: 0.0 }
@@ -40,7 +40,7 @@ impl VaeConfig {
 
     /// The paper's network for Obstacle Car Racing (Table 3): 128 pixels, 64 latents, 25 453 571 parameters.
     pub fn obstacle_car_racing() -> Self {
-        // DIFFERENCE: Table 3 prints other widths for the decoder; these are those of the authors' code.
+        // DIFFERENCE: Table 3 prints other widths for the decoder. These are those of the authors' code.
         Self::obstacles(64)
     }
 
@@ -133,7 +133,7 @@ fn layers(all: &[(i64, i64, i64)], padding: i64) -> Vec<Layer> {
 #[derive(Debug)]
 pub struct Vae {
     config: VaeConfig,
-    /// The arithmetic of the convolutions; the rest is `f32`.
+    /// The arithmetic of the convolutions. The rest is `f32`.
     kind: Kind,
     encoder: Vec<Conv>,
     mean: Linear,
@@ -164,7 +164,7 @@ impl Vae {
         Self { config, kind, encoder, mean, log_var, decoder_in, decoder }
     }
 
-    /// A copy for use alone, its weights already in `kind`; it cannot be trained.
+    /// A copy for use alone, its weights already in `kind`. It cannot be trained.
     pub fn for_inference(&self, kind: Kind) -> Self {
         Self {
             config: self.config.clone(),
@@ -193,7 +193,7 @@ impl Vae {
         for layer in &self.encoder {
             x = layer.forward(&x, self.kind).relu();
         }
-        // DIFFERENCE: features are flattened with the channels last; the same network with its rows in another order.
+        // DIFFERENCE: features are flattened with the channels last. The same network with its rows in another order.
         let x = x.to_kind(Kind::Float).reshape([b, -1]);
         (self.mean.forward(&x), self.log_var.forward(&x))
     }

@@ -69,7 +69,7 @@ fn fit_in(bencher: Bencher<'_, '_>, kind: Kind) {
         let answer = SafetyAnswer::Both(if i % 2 == 0 { Preference::Left } else { Preference::Right });
         let label = Weights::car_racing().label(&Response::Safety(answer));
         let label = label.unwrap_or_else(|| unreachable!("it was answered"));
-        trainer.learn(&SegmentPair { left: segment(2 * i), right: segment(2 * i + 1), label });
+        trainer.predict_and_add(&SegmentPair { left: segment(2 * i), right: segment(2 * i + 1), label });
     }
     bencher.bench_local(|| trainer.fit(&mut rng(), |_| ControlFlow::Continue(())));
 }

@@ -341,7 +341,7 @@ fn a_dream_that_does_not_fit_is_refused_by_whoever_reads_it() {
         let store = store.or_else(|_| SessionStore::open(&dir, None)).unwrap();
         let opened = LoadedSession::read(store, &mut |_, _| ControlFlow::Continue(()));
         let mut opened = opened.unwrap();
-        opened.meet(model.identity()).unwrap();
+        opened.bind_model(model.identity()).unwrap();
         assert!(opened.dreams[0].1.as_ref().unwrap_err().to_string().contains(said));
     }
     replace_dream(&dir, &dream_to_bytes(&whole));

@@ -181,8 +181,8 @@ fn doubtful_pairs_are_held_back_and_those_that_were_drawn_come_last() {
     harness.run_steps(3);
 
     let mut screen = Screen::default();
-    screen.know(DreamId(0), &signs(200));
-    screen.know(DreamId(1), &signs(90));
+    screen.add_dream(DreamId(0), &signs(200));
+    screen.add_dream(DreamId(1), &signs(90));
     let is_held = |asked: &AskedQuery| screen.holds_back([asked.query.left, asked.query.right], 0.4);
     for _ in 0..30 {
         press(&mut harness, Key::A);

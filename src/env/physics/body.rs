@@ -67,7 +67,7 @@ impl Body {
         }
     }
 
-    /// Sums up the mass of `polygons`, which are in order of creation; the last is counted first.
+    /// Sums up the mass of `polygons`, which are in order of creation. The last is counted first.
     pub(super) fn set_mass(&mut self, polygons: &[Polygon], density: f32) {
         let (mut mass, mut center, mut inertia) = (0.0_f32, Vec2::default(), 0.0_f32);
         for polygon in polygons.iter().rev() {
@@ -109,7 +109,7 @@ impl Body {
         self.xf.q
     }
 
-    /// Wakes the body; one that is awake does not notice.
+    /// Wakes the body. One that is awake does not notice.
     pub(super) fn wake(&mut self) {
         if !self.awake && self.dynamic {
             self.awake = true;

@@ -6,7 +6,7 @@ use super::motion::{Position, Velocity};
 use super::shape::SKIN;
 use crate::env::trig::Trig;
 
-/// Friction of every car fixture; two of them mix to the root of their product.
+/// Friction of every car fixture. Two of them mix to the root of their product.
 const FRICTION: f32 = 0.2;
 const LINEAR_SLOP: f32 = 0.005;
 const BAUMGARTE: f32 = 0.2;
@@ -77,7 +77,7 @@ pub(super) struct ContactRow {
     normal: Vec2,
     friction: f32,
     points: [RowPoint; 2],
-    /// How many points the velocity solver uses; the position solver uses all of the manifold.
+    /// How many points the velocity solver uses. The position solver uses all of the manifold.
     count: usize,
     k: Sym2,
     k_inverse: Sym2,
@@ -242,7 +242,7 @@ impl ContactRow {
         }
     }
 
-    /// One position iteration; returns the deepest separation.
+    /// One position iteration. Returns the deepest separation.
     pub(super) fn solve_position(&self, positions: &mut [Position], trig: Trig) -> f32 {
         let (mut a, mut b) = (positions[self.a.idx], positions[self.b.idx]);
         let mut deepest = 0.0_f32;

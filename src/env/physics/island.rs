@@ -155,7 +155,7 @@ impl Island {
             if done == next_look {
                 self.seen.clone_from(&self.state);
                 seen_at = done;
-                // The step must grow for long circles to fit; a quarter at a time finds short ones early.
+                // The step must grow for long circles to fit. A quarter at a time finds short ones early.
                 next_look = done + done / 4 + 1;
             }
         }
@@ -187,7 +187,7 @@ impl Island {
         }
     }
 
-    /// Pushes joints and contacts into place; says whether it succeeded.
+    /// Pushes joints and contacts into place. Says whether it succeeded.
     fn iterate_positions(&mut self, trig: Trig) -> bool {
         for _ in 0..POSITION_ITERATIONS {
             let mut deepest = 0.0_f32;

@@ -16,7 +16,7 @@ const MAX_ANGULAR_CORRECTION: f32 = 8.0 / 180.0 * PI;
 /// What a joint is made from.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct JointDef {
-    /// Where it sits on the first body, in that body's frame; it sits on the second body's origin.
+    /// Where it sits on the first body, in that body's frame. It sits on the second body's origin.
     pub anchor: Vec2,
     /// It turns in `[-limit, limit]` radians.
     pub limit: f32,
@@ -237,7 +237,7 @@ impl JointRow {
         [det * dot3(b, ey_ez), det * dot3(ex, cross3(b, ez)), det * dot3(ex, cross3(ey, b))]
     }
 
-    /// One position iteration; says whether the joint is in place.
+    /// One position iteration. Says whether the joint is in place.
     pub(super) fn solve_position(&self, positions: &mut [Position], trig: Trig) -> bool {
         let (mut a, mut b) = (positions[self.ia], positions[self.ib]);
         let mut angular_error = 0.0;

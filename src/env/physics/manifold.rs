@@ -42,7 +42,7 @@ pub(super) struct Manifold {
 }
 
 impl Manifold {
-    /// Where `a` and `b` touch; points that were there `before` keep their impulses.
+    /// Where `a` and `b` touch. Points that were there `before` keep their impulses.
     pub(super) fn between(a: (&Polygon, Transform), b: (&Polygon, Transform), before: &Self) -> Self {
         let mut manifold = collide(a, b);
         for point in &mut manifold.points[..manifold.count] {
@@ -177,7 +177,7 @@ fn incident_edge(one: (&Polygon, Transform), edge: usize, two: (&Polygon, Transf
     })
 }
 
-/// Cuts a segment at a line; `None` where less than a segment is left.
+/// Cuts a segment at a line. `None` where less than a segment is left.
 fn clip([p, q]: [Clip; 2], normal: Vec2, offset: f32, vertex: usize) -> Option<[Clip; 2]> {
     let (d0, d1) = (normal.dot(p.v) - offset, normal.dot(q.v) - offset);
     let cut = || Clip {

@@ -1,10 +1,10 @@
 //! A small rigid-body world after Box2D 2.3: cars of polygons on revolute joints, and sensors that notice them.
 //!
 //! It follows Box2D's numerical scheme operation by operation, in single precision, so that an episode equals one of
-//! the Python environment to the last bit; `tests/golden_env.rs` compares them. What the environments do not use is
+//! the Python environment to the last bit. `tests/golden_env.rs` compares them. What the environments do not use is
 //! left out: gravity, damping, restitution, other joints, continuous collision.
 //!
-//! This is an altered version of Box2D, rewritten in Rust; Box2D's notice is in `assets/licenses/Box2D.txt`.
+//! This is an altered version of Box2D, rewritten in Rust. Box2D's notice is in `assets/licenses/Box2D.txt`.
 
 mod body;
 mod contact;
@@ -98,7 +98,7 @@ impl World {
         self.add_fixture(Fixture { body: 0, shape, sensor: true, filter: Filter::DEFAULT })
     }
 
-    /// Adds a body made of `polygons` of one density, each a fixture; returns it with its fixture numbers.
+    /// Adds a body made of `polygons` of one density, each a fixture. Returns it with its fixture numbers.
     pub fn add_body(
         &mut self,
         position: Vec2,
@@ -174,7 +174,7 @@ impl World {
         if self.paired.len() * 64 < side * side {
             self.grow_pairs();
         }
-        // Sensors are created before the first step; afterwards, only step itself moves boxes.
+        // Sensors are created before the first step. Afterwards, only step itself moves boxes.
         self.find_pairs();
         self.touches.clear();
         self.update_contacts();

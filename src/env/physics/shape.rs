@@ -57,7 +57,7 @@ impl Polygon {
         &self.vertices[..self.count]
     }
 
-    /// The outward normal of each edge; edge `i` leads from corner `i` to the next.
+    /// The outward normal of each edge. Edge `i` leads from corner `i` to the next.
     #[inline]
     pub fn normals(&self) -> &[Vec2] {
         &self.normals[..self.count]
@@ -202,9 +202,9 @@ impl Shape {
     }
 }
 
-/// Whether the gap between two polygons is below `reach`; both in the world's frame.
+/// Whether the gap between two polygons is below `reach`. Both in the world's frame.
 ///
-/// DIFFERENCE: Box2D runs GJK; separating axes and, in the rare corner case, the exact distance say the same.
+/// DIFFERENCE: Box2D runs GJK. Separating axes and, in the rare corner case, the exact distance say the same.
 fn closer_than(a: &Polygon, b: &Polygon, reach: f32) -> bool {
     let widest = separation(a, b, reach).max(separation(b, a, reach));
     if widest >= reach {
@@ -220,7 +220,7 @@ fn closer_than(a: &Polygon, b: &Polygon, reach: f32) -> bool {
     near(a, b) || near(b, a)
 }
 
-/// The largest gap along the edge normals of `a`; may stop early with a value of at least `enough`.
+/// The largest gap along the edge normals of `a`. May stop early with a value of at least `enough`.
 #[inline]
 fn separation(a: &Polygon, b: &Polygon, enough: f32) -> f32 {
     let mut widest = f32::MIN;

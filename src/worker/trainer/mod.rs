@@ -142,7 +142,7 @@ impl<'a> Learner<'a> {
                 if self.answers.remove(&id).is_some() {
                     let idx = self.idx(id);
                     self.order.remove(idx);
-                    self.trainer.forget(idx);
+                    self.trainer.remove(idx);
                     self.n_new += 1;
                 }
             }
@@ -175,9 +175,9 @@ impl<'a> Learner<'a> {
                 let pair = SegmentPair { left: rows(query.left)?, right: rows(query.right)?, label };
                 // Only a reward that has learned the others foretells anything.
                 if self.order.len() >= MIN_LABELS && !self.is_behind() {
-                    self.trainer.learn(&pair);
+                    self.trainer.predict_and_add(&pair);
                 } else {
-                    self.trainer.take_up(&pair);
+                    self.trainer.add(&pair);
                 }
                 self.order.push(query.id);
             }

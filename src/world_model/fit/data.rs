@@ -55,7 +55,7 @@ pub(super) struct ShuffledFrames<'a> {
 }
 
 impl<'a> ShuffledFrames<'a> {
-    /// How many episodes are mixed; some 20 MB each.
+    /// How many episodes are mixed. Some 20 MB each.
     const N_MIXED: usize = 16;
 
     pub(super) fn new(dataset: &'a Dataset, train: Vec<usize>) -> Self {
@@ -84,7 +84,7 @@ impl<'a> ShuffledFrames<'a> {
     }
 }
 
-/// Keeps the latents of every episode in `run`, so that the memory's training holds only its batch; those of another
+/// Keeps the latents of every episode in `run`, so that the memory's training holds only its batch. Those of another
 /// vision are made anew.
 pub(super) fn encode(
     dataset: &Dataset,
@@ -97,7 +97,7 @@ pub(super) fn encode(
     let vae = Vae::new(&store.root(), config.vae.clone(), Kind::Float, &mut ChaCha8Rng::seed_from_u64(0));
     vision.load("net", &store)?;
     let of = vision.hash();
-    // Noise is added to these anyway; the quick arithmetic is exact enough, and there are a great many.
+    // Noise is added to these anyway. The quick arithmetic is exact enough, and there are a great many.
     let vae = vae.for_inference(fast_kind());
     let n = dataset.n_episodes();
     for i in 0..n {

@@ -72,7 +72,7 @@ pub struct FitConfig {
 impl FitConfig {
     /// The whole of it, as for the models that are shipped: see the cards beside them.
     pub fn full() -> Self {
-        // DIFFERENCE: the paper's rates are 1e-4 to 1e-5 for vision, over 100 passes; ours start higher and pass fewer times.
+        // DIFFERENCE: the paper's rates are 1e-4 to 1e-5 for vision, over 100 passes. Ours start higher and pass fewer times.
         let vae = Schedule {
             batch: 32,
             updates_per_epoch: 1000,
@@ -198,7 +198,7 @@ pub struct Terms {
     pub held_out: f64,
     /// Of the draw.
     pub seed: u64,
-    /// Which episodes, and in which order; fits that were begun before this was noted say nothing.
+    /// Which episodes, and in which order. Fits that were begun before this was noted say nothing.
     #[serde(default)]
     pub recordings: String,
 }
@@ -223,7 +223,7 @@ impl fmt::Display for Terms {
     }
 }
 
-/// Whoever listens to a fit; `Break` stops it.
+/// Whoever listens to a fit. `Break` stops it.
 pub type Report<'a> = dyn FnMut(&Progress) -> ControlFlow<()> + 'a;
 
 /// Whether a world model can be trained on `dataset` at all: what takes no time to find out, before anything is touched.

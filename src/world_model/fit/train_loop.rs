@@ -40,7 +40,7 @@ struct TrainState {
 }
 
 impl<'a> TrainLoop<'a> {
-    /// The network in `store` before its first epoch; `fingerprint` says what its scores depend on.
+    /// The network in `store` before its first epoch. `fingerprint` says what its scores depend on.
     pub(super) fn new(
         stage: Stage,
         schedule: &'a Schedule,
