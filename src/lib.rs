@@ -7,8 +7,18 @@
 //! 3. A [`query`] shows two segments of dreams. Answers become labels, and labels a [`reward`].
 //! 4. A [`planner`] drives the real car by imagining ahead, and [`evaluation`] says how well.
 //!
-//! A [`session`] remembers all of it, a [`worker`] does each slow part, and [`ui`] shows them.
+//! A [`session`] remembers all of it, a [`worker`] does each slow part, [`app`] decides what happens next, and [`ui`]
+//! shows it; `cli`, a part of the program and not of this library, runs it with or without a window.
 //! Data flows down this page: a module names only those before it (`tests/layering.rs`).
+//!
+//! Three ways to read it:
+//!
+//! - **An answer**: a key (`ui::label`) becomes an [`app::LabelCommand`], an event in the session's log
+//!   ([`worker::SessionWriter`]), a [`query::Label`], a gradient ([`worker::trainer`], [`reward::fit`]), and a plan
+//!   ([`worker::driver`], [`planner`]).
+//! - **An action**: a stick (`ui::input`) becomes an [`env::Action`], a step of the dream ([`worker::dreamer`],
+//!   [`world_model`]), and a picture.
+//! - **A setting**: a flag or a line of TOML (`cli`) becomes a configuration, and with it a fit ([`world_model::fit`]).
 //!
 //! # Modules
 //!
@@ -28,7 +38,9 @@
 //! | [`evaluation`] | episodes in the real world, metrics, agreement of people | takes a policy, returns numbers; same tracks for every method |
 //! | [`session`] | events, their log, replay, merging; arrays and weights on disk | with [`dataset`] and [`run`] the only modules that touch files; a session *is* its log |
 //! | [`worker`] | threads | the only module that starts one; a worker owns its models and shares nothing |
+//! | [`app`] | the application without a window: state, commands, what follows from reports | no egui, file, thread or clock: all comes in as an argument and leaves as an effect |
 //! | [`ui`] | egui, input devices, pictures | decides nothing: draws state, returns commands |
+//! | `cli` | the command line, in `main.rs` | every step without a window; one error in one sentence |
 //!
 //! # Shapes
 //!
@@ -64,4 +76,5 @@ pub mod simulate;
 pub mod evaluation;
 pub mod session;
 pub mod worker;
+pub mod app;
 pub mod ui;

@@ -5,18 +5,16 @@ mod cli;
 
 use std::process::ExitCode;
 
-use clap::Parser as _;
-
 fn main() -> ExitCode {
     set_around_libtorch();
     outlive_full_disks();
     env_logger::Builder::from_env(env_logger::Env::default().default_filter_or("warn")).init();
-    let asked = match cli::Cli::try_parse() {
+    let asked = match cli::parse(std::env::args_os()) {
         Ok(asked) => asked,
         // Help and version.
-        Err(refused) if !refused.use_stderr() => refused.exit(),
+        Err(cli::CliError::Line(asked)) if !asked.use_stderr() => asked.exit(),
         Err(refused) => {
-            eprintln!("dropj: {}", cli::refusal(&refused.to_string()));
+            eprintln!("dropj: {}", cli::refusal(&refused));
             return ExitCode::from(2);
         }
     };

@@ -17,7 +17,8 @@ use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-use dropj::ui::{App, Panel};
+use dropj::app::Panel;
+use dropj::ui::Window;
 use eframe::egui::{Key, Modifiers};
 use egui_kittest::Harness;
 use egui_kittest::kittest::{self, NodeT as _, Queryable as _};
@@ -116,7 +117,7 @@ fn csv(samples: &[Sample]) -> String {
 
 /// The window, and what was done in it.
 struct Soak {
-    window: Harness<'static, App>,
+    window: Harness<'static, Window>,
     dir: PathBuf,
     rng: ChaCha8Rng,
     n_answers: usize,
@@ -149,12 +150,12 @@ impl Soak {
     }
 
     fn new_session(&mut self) {
-        let before = self.window.state().session().map(|store| store.dir().to_owned());
+        let before = self.window.state().app().open().map(|store| store.dir().to_owned());
         self.window.get_by_label("Sessions…").click();
         self.steps(10);
         self.window.get_by_label("DROPJ").click();
         self.wait("a new session", |window| {
-            let now = window.state().session().map(|store| store.dir().to_owned());
+            let now = window.state().app().open().map(|store| store.dir().to_owned());
             now.is_some() && now != before
         });
     }
@@ -172,7 +173,7 @@ impl Soak {
         self.press(Key::U);
         self.press(Key::N);
         self.wait("a dream that was kept", |window| {
-            window.state().session().unwrap().session().dreams().len() == n_kept
+            window.state().app().open().unwrap().session().dreams().len() == n_kept
         });
     }
 
@@ -180,7 +181,7 @@ impl Soak {
         self.go(Panel::Label);
         let keys = [Key::A, Key::D, Key::S, Key::ArrowLeft, Key::ArrowUp, Key::ArrowRight, Key::Space];
         for n in 1..=N_ANSWERS {
-            self.wait("a pair", |window| window.state().shown().is_some());
+            self.wait("a pair", |window| window.state().app().shown().is_some());
             self.pause(0.15);
             let key = keys[self.rng.random_range(0..keys.len())];
             self.press(key);
@@ -189,14 +190,14 @@ impl Soak {
             }
             self.n_answers += 1;
         }
-        let n = self.window.state().session().unwrap().session().answers().len();
+        let n = self.window.state().app().open().unwrap().session().answers().len();
         assert!(n > N_ANSWERS / 2, "{n} answers are on disk");
     }
 
     fn fit(&mut self) {
         self.go(Panel::Reward);
         self.press(Key::Enter);
-        self.wait("a reward", |window| !window.state().session().unwrap().session().fits().is_empty());
+        self.wait("a reward", |window| !window.state().app().open().unwrap().session().fits().is_empty());
     }
 
     fn drive(&mut self) {
@@ -233,7 +234,7 @@ impl Soak {
         let key = Panel::ALL.into_iter().zip(keys).find(|(of, _)| *of == panel).unwrap().1;
         self.window.key_press_modifiers(Modifiers::COMMAND, key);
         self.steps(3);
-        assert_eq!(self.window.state().panel(), panel, "{}", self.seen());
+        assert_eq!(self.window.state().app().state().panel(), panel, "{}", self.seen());
     }
 
     fn press(&mut self, key: Key) {
@@ -264,7 +265,7 @@ impl Soak {
         texts.collect::<Vec<_>>().join(" | ")
     }
 
-    fn wait(&mut self, what: &str, is_there: impl Fn(&Harness<'_, App>) -> bool) {
+    fn wait(&mut self, what: &str, is_there: impl Fn(&Harness<'_, Window>) -> bool) {
         let since = Instant::now();
         while !is_there(&self.window) {
             assert!(since.elapsed() < PATIENCE, "{what} never came: {}", self.seen());

@@ -10,6 +10,7 @@ use dropj::world_model::fit::{FitConfig, Split};
 
 use super::models;
 use super::numbers::count;
+use super::picture::png;
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct Options {
@@ -63,7 +64,7 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
     println!("{}", serde_json::json!({"steps": Fidelity::STEPS, "figures": figures}));
     if let Some(picture) = picture {
         let drawn = draw(&stretches[..stretches.len().min(3)]);
-        picture.write(&super::png(drawn.as_raw(), drawn.width(), drawn.height())?)?;
+        picture.write(&png(drawn.as_raw(), drawn.width(), drawn.height())?)?;
     }
     Ok(())
 }

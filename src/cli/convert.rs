@@ -3,12 +3,13 @@
 use std::path::PathBuf;
 
 use anyhow::Context as _;
-use clap::ValueEnum;
 use dropj::reward::{RewardEnsemble, RewardKind, SparseReward};
 use dropj::run::{read_parameters, write_whole};
 use dropj::simulate::probe::Probe;
-use dropj::tensor::{Dtype, Parameters};
+use dropj::tensor::Parameters;
 use dropj::world_model::WorldModel;
+
+use super::choices::Precision;
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct Options {
@@ -20,31 +21,6 @@ pub(crate) struct Options {
     /// How each number is stored [default: as it is]
     #[arg(long, value_enum)]
     dtype: Option<Precision>,
-}
-
-/// How the numbers of networks are stored; they are computed with in whatever is best here.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub(crate) enum Precision {
-    /// Single precision, four bytes
-    F32,
-    /// Half precision, two bytes
-    F16,
-    /// Two bytes with the range of single precision
-    Bf16,
-}
-
-impl Precision {
-    /// `parameters` with their networks stored so; starts and the numbers of episodes stay as they are.
-    pub(crate) fn store(self, parameters: &Parameters) -> anyhow::Result<Parameters> {
-        const NETWORKS: [&str; 5] = ["vae.", "mdn_rnn.", "probe.", "reward.", "sparse_reward."];
-        let dtype = match self {
-            Self::F32 => Dtype::F32,
-            Self::F16 => Dtype::F16,
-            Self::Bf16 => Dtype::BF16,
-        };
-        let is_network = |name: &str| NETWORKS.iter().any(|prefix| name.starts_with(prefix));
-        Ok(parameters.narrowed(dtype, is_network)?)
-    }
 }
 
 pub(crate) fn run(options: &Options) -> anyhow::Result<()> {

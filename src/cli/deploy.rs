@@ -4,7 +4,7 @@ use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 
 use anyhow::Context as _;
-use dropj::env::Env;
+use dropj::env::{Env, MAX_STEPS};
 use dropj::evaluation::{
     PlanningPolicy, Policy, Step, StraightOn, Summary, TracksAlike, evaluate_episode, table,
 };
@@ -15,8 +15,12 @@ use dropj::session::{Header, SessionStore};
 use rand::SeedableRng as _;
 use rand_chacha::ChaCha8Rng;
 
+use super::choices::{EnvName, Switch};
+use super::meter::Meter;
+use super::models;
 use super::numbers::{count, number32};
-use super::{EnvName, Switch, models, names};
+use super::run_file::RunFile;
+use super::words::names;
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct Options {
@@ -47,9 +51,9 @@ pub(crate) struct Options {
     /// How hard the planner's candidates brake, from 0 to 1 [default: the world's]
     #[arg(long, value_parser = number32(0.0..=1.0))]
     brake: Option<f32>,
-    /// Steps between forgetting all memory; 0 is never
-    #[arg(long, value_parser = count(0..=1_000_000), default_value_t = 50)]
-    memory_reset: usize,
+    /// Steps between forgetting all memory; 0 is never [default: 50]
+    #[arg(long, value_parser = count(0..=1_000_000))]
+    memory_reset: Option<usize>,
     /// A world model other than the session's or the shipped one
     #[arg(long)]
     world: Option<PathBuf>,
@@ -59,6 +63,8 @@ pub(crate) struct Options {
     /// Print JSON: an object an episode, then one for the whole
     #[arg(long)]
     json: bool,
+    #[command(flatten)]
+    pub(crate) run_file: RunFile,
 }
 
 pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
@@ -85,13 +91,21 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
         LearnedReward::Preferences(RewardEnsemble::new(n, &model.hash(), config, rng).for_inference())
     };
 
-    let memory_reset = (options.memory_reset > 0).then_some(options.memory_reset);
     let planner = if reward.is_sparse() { env.planner().for_transitions() } else { env.planner() };
+    let planner = options.run_file.over("planner", &planner, PlannerConfig::check)?;
     let horizon = options.horizon.map_or(planner.horizon, usize::from);
     let brake = options.brake.unwrap_or(planner.brake);
+    let given = options.memory_reset.map(|steps| (steps > 0).then_some(steps));
+    let memory_reset = given.unwrap_or(planner.memory_reset);
     let config = PlannerConfig { horizon, brake, memory_reset, ..planner };
+    if let Some(all) = options.run_file.to_print() {
+        print!("{}", all.with("env", env.name()).with("planner", &config).to_toml());
+        return Ok(());
+    }
     let tracks = TracksAlike { seed: options.seed };
     let mut episodes = Vec::new();
+    let mut meter = Meter::new();
+    let n_steps = options.episodes as usize * MAX_STEPS;
     let mut steps =
         "track,step,speed,lateral,heading_error,wheels_off,grass,chuckhole,car,steer,gas,brake,chosen,best,worst\n"
             .to_owned();
@@ -106,6 +120,8 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
             if options.steps.is_some() {
                 steps.push_str(&line(number, env, step));
             }
+            let done = i as usize * MAX_STEPS + step.t + 1;
+            meter.at("driving steps", done, n_steps, || format!("track {number}"));
             ControlFlow::Continue(())
         });
         let metrics = metrics.with_context(|| {
@@ -115,9 +131,9 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
             )
         })?;
         if options.json {
-            println!("{}", serde_json::json!({"track": number, "metrics": metrics}));
+            meter.print(&serde_json::json!({"track": number, "metrics": metrics}).to_string());
         } else {
-            println!(
+            meter.print(&format!(
                 "track {number}: return {:.0}, new tiles {:.1} %, grass {:.2} %, {}{}{} steps, plan {:.1} ms",
                 metrics.ret,
                 100.0 * metrics.new_tile_rate,
@@ -126,10 +142,11 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
                 rate("cars", metrics.car_rate),
                 metrics.n_steps,
                 metrics.plan_ms_mean.unwrap_or(0.0)
-            );
+            ));
         }
         episodes.push(metrics);
     }
+    drop(meter);
     if let Some(table) = table_of_steps {
         table.write(steps.as_bytes())?;
     }

@@ -2,17 +2,17 @@
 
 use std::ops::ControlFlow;
 use std::path::PathBuf;
-use std::time::{Duration, Instant};
 
 use anyhow::Context as _;
 use dropj::dataset::Dataset;
 use dropj::run::{Kind, OutputFile, Run};
 use dropj::world_model::WorldModelConfig;
-use dropj::world_model::fit::{self, FitConfig, Progress, fit_world};
+use dropj::world_model::fit::{self, FitConfig, Progress, Stage, fit_world};
 
-use super::EnvName;
-use super::convert::Precision;
+use super::choices::{EnvName, Precision};
+use super::meter::Meter;
 use super::numbers::{count, number};
+use super::run_file::RunFile;
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct Options {
@@ -31,9 +31,9 @@ pub(crate) struct Options {
     /// How each number of the file is stored
     #[arg(long, value_enum, default_value = "f32")]
     dtype: Precision,
-    /// Of initialization, order and noise
-    #[arg(long, default_value_t = 0)]
-    seed: u64,
+    /// Of initialization, order and noise [default: 0]
+    #[arg(long)]
+    seed: Option<u64>,
     /// Threads for the arithmetic
     #[arg(long, value_parser = clap::value_parser!(i32).range(1..=1024), default_value_t = 2)]
     threads: i32,
@@ -46,6 +46,8 @@ pub(crate) struct Options {
     /// The most epochs for memory
     #[arg(long, value_parser = count(1..=1_000_000))]
     mdn_rnn_epochs: Option<usize>,
+    #[command(flatten)]
+    pub(crate) run_file: RunFile,
 }
 
 #[derive(Clone, Copy, Debug, clap::ValueEnum)]
@@ -76,7 +78,9 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
     }
     let env = dataset.env().unwrap_or_default();
     let suited = if env == EnvName::CarRacing.name() { Preset::CarRacing } else { Preset::ObstacleCompact };
-    let mut config = WorldModelConfig { env: env.to_owned(), ..options.preset.unwrap_or(suited).config() };
+    let preset = options.preset.unwrap_or(suited);
+    let config = options.run_file.over("networks", &preset.config(), WorldModelConfig::check)?;
+    let mut config = WorldModelConfig { env: env.to_owned(), ..config };
     config.vae.emphasis = options.emphasis.unwrap_or(config.vae.emphasis);
     anyhow::ensure!(
         dataset.side().map(i64::from) == Some(config.vae.side),
@@ -84,24 +88,24 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
          choose another --preset",
         config.vae.side
     );
-    let mut settings = FitConfig { seed: options.seed, ..FitConfig::full() };
+    let mut settings = options.run_file.over("fit", &FitConfig::full(), FitConfig::check)?;
+    settings.seed = options.seed.unwrap_or(settings.seed);
     settings.vae.max_epochs = options.vae_epochs.unwrap_or(settings.vae.max_epochs);
     settings.mdn_rnn.max_epochs = options.mdn_rnn_epochs.unwrap_or(settings.mdn_rnn.max_epochs);
+    if let Some(all) = options.run_file.to_print() {
+        print!("{}", all.with("networks", &config).with("fit", &settings).to_toml());
+        return Ok(());
+    }
     fit::check(&dataset)?;
     let out = OutputFile::at(&options.out, Kind::Network)?;
     let run = Run::beside(&options.out, options.resume)?;
-    let (mut epoch_start, mut said) = (Instant::now(), Instant::now());
+    let mut meter = Meter::new();
     let mut report = |progress: &Progress| {
-        if progress.held_out.is_some() || said.elapsed() > Duration::from_secs(20) {
-            said = Instant::now();
-            say(progress, epoch_start.elapsed());
-        }
-        if progress.done == progress.n {
-            epoch_start = Instant::now();
-        }
+        say(&mut meter, progress);
         ControlFlow::Continue(())
     };
     let parameters = fit_world(&dataset, &config, &settings, &run, &mut report)?;
+    drop(meter);
     let parameters = options.dtype.store(&parameters)?;
     let hint = "the fit is done, but not written; with `--resume` nothing is fitted anew";
     out.write(parameters.bytes()).context(hint)?;
@@ -109,17 +113,24 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
     Ok(())
 }
 
-fn say(progress: &Progress, elapsed: Duration) {
-    let Progress { stage, epoch, max_epochs, done, n, items, loss, held_out, learning_rate, is_best } =
+fn say(meter: &mut Meter, progress: &Progress) {
+    let &Progress { stage, epoch, max_epochs, done, n, loss, held_out, learning_rate, is_best, .. } =
         progress;
-    let rate = (done * items) as f64 / elapsed.as_secs_f64();
-    let left = (max_epochs - epoch) * n - if held_out.is_some() { 0 } else { *done };
-    let eta_mins = elapsed.as_secs_f64() / (*done).max(1) as f64 * left as f64 / 60.0;
-    let held_out = held_out.map_or(String::new(), |loss| {
-        format!(", held out {loss:.4}{}", if *is_best { " (best)" } else { "" })
+    let what = match stage {
+        Stage::Vae => "vision",
+        Stage::Encode => "encoding",
+        Stage::MdnRnn => "memory",
+    };
+    if let Some(held_out) = held_out {
+        let best = if is_best { " (best)" } else { "" };
+        meter.line(&format!(
+            "{what}, epoch {epoch} of {max_epochs}: loss {loss:.4}, held out {held_out:.4}{best}; rate {learning_rate:.1e}"
+        ));
+    }
+    // An epoch that is over counts among the epochs.
+    let in_epoch = if held_out.is_some() { 0 } else { done };
+    meter.at(what, epoch * n + in_epoch, max_epochs * n, || {
+        let epoch = (epoch + 1).min(max_epochs);
+        format!("epoch {epoch} of at most {max_epochs}, loss {loss:.4}, rate {learning_rate:.1e}")
     });
-    eprintln!(
-        "{stage:?} epoch {epoch}/{max_epochs}, {done}/{n}: loss {loss:.4}{held_out}; rate {learning_rate:.1e}, \
-         {rate:.0}/s, at most {eta_mins:.0} min left"
-    );
 }

@@ -5,29 +5,38 @@
 mod agree;
 mod check_reward;
 mod check_world;
+mod choices;
 mod compare;
 mod convert;
 mod deploy;
+mod error;
 mod fit_probe;
 mod fit_world;
+mod learn;
+mod meter;
 mod models;
 mod numbers;
+mod picture;
 mod record;
 mod refit;
 mod repair;
 mod replay;
+mod run_file;
 mod screen;
+mod script;
 mod settings;
 mod simulate;
+mod sparse;
 mod trace;
-mod verdicts;
 mod window;
+mod words;
 
-use clap::{Parser, Subcommand, ValueEnum};
-use dropj::env::{Aids, CarRacing, Env, ObstacleCarRacing, Obstacles, Seed};
-use dropj::planner::PlannerConfig;
-use dropj::query::Protocol;
-use dropj::world_model::WorldModelConfig;
+use std::ffi::OsString;
+
+use clap::{CommandFactory as _, FromArgMatches as _, Parser, Subcommand};
+
+pub(crate) use error::CliError;
+pub(crate) use words::{in_words, refusal};
 
 /// Safe reward learning from a person who drives in a dream and says what they prefer, and why.
 #[derive(Debug, Parser)]
@@ -77,116 +86,28 @@ enum Command {
     Trace(trace::Options),
 }
 
-/// The worlds that can be driven in.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-enum EnvName {
-    /// Car Racing.
-    CarRacing,
-    /// Obstacle Car Racing with chuckholes and other cars.
-    ObstacleCarRacing,
-    /// Obstacle Car Racing with chuckholes alone.
-    ObstacleCarRacingChuckholes,
-}
-
-/// Whether something helps.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-enum Switch {
-    On,
-    Off,
-}
-
-impl Switch {
-    fn aids(self) -> Aids {
-        if self == Self::On { Aids::ALL } else { Aids::NONE }
-    }
-}
-
-impl EnvName {
-    /// The world itself; where there are obstacles, `aids` may help the driver.
-    fn open(self, aids: Aids) -> Box<dyn Env> {
-        let seed = Seed::Native(0);
+impl Command {
+    /// Where its settings come from, if they can come from a file.
+    fn run_file(&mut self) -> Option<&mut run_file::RunFile> {
         match self {
-            Self::CarRacing => Box::new(CarRacing::new(seed)),
-            Self::ObstacleCarRacing => {
-                Box::new(ObstacleCarRacing::new(seed, Obstacles::ChuckholesAndCars, aids))
-            }
-            Self::ObstacleCarRacingChuckholes => {
-                Box::new(ObstacleCarRacing::new(seed, Obstacles::Chuckholes, aids))
-            }
-        }
-    }
-
-    /// The networks that two cores train and dream with for it.
-    fn world(self) -> WorldModelConfig {
-        match self {
-            Self::CarRacing => WorldModelConfig::car_racing(),
-            Self::ObstacleCarRacing | Self::ObstacleCarRacingChuckholes => {
-                WorldModelConfig::obstacle_compact()
-            }
-        }
-    }
-
-    /// How the planner looks ahead there.
-    fn planner(self) -> PlannerConfig {
-        match self {
-            Self::CarRacing => PlannerConfig::car_racing(),
-            Self::ObstacleCarRacing => PlannerConfig::obstacle_car_racing(),
-            Self::ObstacleCarRacingChuckholes => PlannerConfig::obstacle_car_racing_chuckholes(),
-        }
-    }
-
-    /// The world that is called so in sessions and recordings.
-    fn named(name: &str) -> anyhow::Result<Self> {
-        let known = Self::from_str(name, false);
-        known.map_err(|_| anyhow::anyhow!("{name:?} is not a world of this program"))
-    }
-
-    fn name(self) -> &'static str {
-        match self {
-            Self::CarRacing => "car-racing",
-            Self::ObstacleCarRacing => "obstacle-car-racing",
-            Self::ObstacleCarRacingChuckholes => "obstacle-car-racing-chuckholes",
+            Self::FitWorld(options) => Some(&mut options.run_file),
+            Self::FitProbe(options) => Some(&mut options.run_file),
+            Self::Simulate(options) => Some(&mut options.run_file),
+            Self::Refit(options) => Some(&mut options.run_file),
+            Self::Deploy(options) => Some(&mut options.run_file),
+            _ => None,
         }
     }
 }
 
-/// The protocols' names, one after the other.
-fn names(protocols: &[Protocol]) -> String {
-    protocols.iter().map(|protocol| protocol.name()).collect::<Vec<_>>().join(", ")
-}
-
-/// A picture as the bytes of a PNG file.
-fn png(rgb: &[u8], width: u32, height: u32) -> anyhow::Result<Vec<u8>> {
-    let mut bytes = Vec::new();
-    let encoder = image::codecs::png::PngEncoder::new(&mut bytes);
-    image::ImageEncoder::write_image(encoder, rgb, width, height, image::ExtendedColorType::Rgb8)?;
-    Ok(bytes)
-}
-
-/// What the parser of the command line refuses, in one sentence, and how the command is used behind it.
-pub(crate) fn refusal(text: &str) -> String {
-    let text = text.strip_prefix("error: ").unwrap_or(text);
-    let (what, usage) = text.split_once("\n\n").unwrap_or((text, ""));
-    let what = what.split_whitespace().collect::<Vec<_>>().join(" ");
-    if usage.trim().is_empty() { what } else { format!("{what}\n\n{}", usage.trim_end()) }
-}
-
-/// An error and its causes in one sentence: nothing is said twice, and no other library tells where in its code it was.
-pub(crate) fn in_words(error: &anyhow::Error) -> String {
-    let mut words = String::new();
-    for cause in error.chain() {
-        let cause = cause.to_string();
-        // libtorch puts the stack of its own code behind what it says.
-        let said = cause.split("\nException raised from").next().unwrap_or_default();
-        let said: Vec<_> = said.lines().map(str::trim).filter(|line| !line.is_empty()).collect();
-        let said = said.join(" ");
-        if words.is_empty() {
-            words = said;
-        } else if !said.is_empty() && !words.contains(&said) {
-            words = format!("{words}: {said}");
-        }
+/// What is asked on the command line, and in the file of settings that it names.
+pub(crate) fn parse(line: impl IntoIterator<Item = OsString>) -> Result<Cli, CliError> {
+    let (matches, filling) = run_file::read_line(Cli::command(), line.into_iter().collect())?;
+    let mut cli = Cli::from_arg_matches(&matches)?;
+    if let Some(run_file) = cli.command.as_mut().and_then(Command::run_file) {
+        run_file.fill(filling);
     }
-    words
+    Ok(cli)
 }
 
 /// Carries out what was asked.
@@ -219,8 +140,6 @@ pub(crate) fn run(cli: Cli) -> anyhow::Result<()> {
 
 #[cfg(test)]
 mod tests {
-    use anyhow::Context as _;
-
     use super::*;
 
     #[test]
@@ -231,16 +150,8 @@ mod tests {
     }
 
     #[test]
-    fn a_cause_is_said_once_and_without_a_foreign_stack() {
-        let torn: Result<(), _> =
-            Err(anyhow::anyhow!("the shape is wrong\nException raised from f at x.cpp:1\nframe #0"));
-        let error = torn.context("cannot load it: the shape is wrong").context("cannot drive").unwrap_err();
-        assert_eq!(in_words(&error), "cannot drive: cannot load it: the shape is wrong");
-    }
-
-    #[test]
     fn what_the_parser_refuses_is_one_sentence() {
-        let refused = Cli::try_parse_from(["dropj", "merge", "a", "b"]).unwrap_err().to_string();
+        let refused = parse(["dropj", "merge", "a", "b"].map(OsString::from)).unwrap_err();
         let said = refusal(&refused);
         let first = said.lines().next().unwrap();
         assert!(first.contains("--out") && !said.starts_with("error"), "{said}");

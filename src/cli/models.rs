@@ -9,7 +9,7 @@ pub(crate) use dropj::session::worlds::asset;
 use dropj::simulate::probe::Probe;
 use dropj::world_model::WorldModel;
 
-use super::EnvName;
+use super::choices::EnvName;
 
 /// The shipped world model of an environment.
 pub(crate) fn world_model_asset(env: EnvName) -> PathBuf {

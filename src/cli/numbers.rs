@@ -2,70 +2,59 @@
 
 use std::ops::RangeInclusive;
 
-use clap::builder::{PossibleValuesParser, TypedValueParser};
+use super::error::CliError;
 
 /// Reads a whole number in `range`.
-pub(crate) fn count(range: RangeInclusive<usize>) -> impl Fn(&str) -> Result<usize, String> + Clone {
+pub(crate) fn count(range: RangeInclusive<usize>) -> impl Fn(&str) -> Result<usize, CliError> + Clone {
     move |text| {
         let number = text.parse().ok().filter(|number| range.contains(number));
-        number.ok_or_else(|| format!("it must be a whole number from {} to {}", range.start(), range.end()))
+        number.ok_or(CliError::Count { least: *range.start(), most: *range.end() })
     }
 }
 
 /// Reads a number in `range`.
-pub(crate) fn number(range: RangeInclusive<f64>) -> impl Fn(&str) -> Result<f64, String> + Clone {
+pub(crate) fn number(range: RangeInclusive<f64>) -> impl Fn(&str) -> Result<f64, CliError> + Clone {
     // What is no number lies in no range.
     move |text| {
         let number = text.parse().ok().filter(|number| range.contains(number));
-        number.ok_or_else(|| format!("it must be a number from {} to {}", range.start(), range.end()))
+        number.ok_or(CliError::Number { least: *range.start(), most: *range.end() })
     }
 }
 
 /// The same in less precision.
-pub(crate) fn number32(range: RangeInclusive<f32>) -> impl Fn(&str) -> Result<f32, String> + Clone {
+pub(crate) fn number32(range: RangeInclusive<f32>) -> impl Fn(&str) -> Result<f32, CliError> + Clone {
     move |text| {
         let number = text.parse().ok().filter(|number| range.contains(number));
-        number.ok_or_else(|| format!("it must be a number from {} to {}", range.start(), range.end()))
+        number.ok_or(CliError::Number32 { least: *range.start(), most: *range.end() })
     }
 }
 
 /// Reads a number above the first and up to the second.
-pub(crate) fn above(least: f64, most: f64) -> impl Fn(&str) -> Result<f64, String> + Clone {
+pub(crate) fn above(least: f64, most: f64) -> impl Fn(&str) -> Result<f64, CliError> + Clone {
     move |text| {
         let number = text.parse().ok().filter(|number| *number > least && *number <= most);
-        number.ok_or_else(|| format!("it must be a number above {least} and up to {most}"))
+        number.ok_or(CliError::Above { least, most })
     }
 }
 
 /// Reads what an answer weighs.
-pub(crate) fn weight(text: &str) -> Result<f32, String> {
+pub(crate) fn weight(text: &str) -> Result<f32, CliError> {
     let weight = text.parse().ok().filter(|weight: &f32| *weight > 0.5 && *weight <= 1.0);
-    weight.ok_or_else(|| format!("a weight must be above 0.5 and at most 1, and {text:?} is not"))
+    weight.ok_or_else(|| CliError::Weight(text.to_owned()))
 }
 
 /// Reads a justification and its weight, such as `grass=1`.
-pub(crate) fn named_weight(text: &str) -> Result<(String, f32), String> {
-    let (name, number) = text.split_once('=').ok_or("a weight is written name=number")?;
+pub(crate) fn named_weight(text: &str) -> Result<(String, f32), CliError> {
+    let (name, number) = text.split_once('=').ok_or(CliError::UnnamedWeight)?;
     if name.trim().is_empty() {
-        return Err("a weight is written name=number, and the name is missing".to_owned());
+        return Err(CliError::EmptyName);
     }
     Ok((name.to_owned(), weight(number)?))
 }
 
 /// Reads the name of somebody, which is not to be empty.
-pub(crate) fn name(text: &str) -> Result<String, String> {
-    if text.trim().is_empty() { Err("a name is needed".to_owned()) } else { Ok(text.to_owned()) }
-}
-
-/// Reads one of several by its name.
-pub(crate) fn one_of<T: Copy + Send + Sync + 'static>(
-    all: &'static [(&'static str, T)],
-) -> impl TypedValueParser<Value = T> {
-    let names = PossibleValuesParser::new(all.iter().map(|(name, _)| *name));
-    names.map(|found| {
-        let known = all.iter().find(|(name, _)| *name == found);
-        known.unwrap_or_else(|| unreachable!("the parser lets none other through")).1
-    })
+pub(crate) fn name(text: &str) -> Result<String, CliError> {
+    if text.trim().is_empty() { Err(CliError::Name) } else { Ok(text.to_owned()) }
 }
 
 #[cfg(test)]
@@ -84,15 +73,15 @@ mod tests {
             assert!(count(1..=10)(text).is_err(), "{text:?}");
         }
         assert_eq!(
-            (count(1..=10)("10"), number(0.0..=1.0)("0"), above(0.0, 0.5)("0.5")),
-            (Ok(10), Ok(0.0), Ok(0.5))
+            (count(1..=10)("10").ok(), number(0.0..=1.0)("0").ok(), above(0.0, 0.5)("0.5").ok()),
+            (Some(10), Some(0.0), Some(0.5))
         );
     }
 
     #[test]
     fn a_weight_decides_for_the_side_that_is_meant() {
         assert!(weight("0.5").is_err() && weight("1.01").is_err());
-        assert_eq!(named_weight("grass=0.95"), Ok(("grass".to_owned(), 0.95)));
+        assert_eq!(named_weight("grass=0.95").ok(), Some(("grass".to_owned(), 0.95)));
         assert!(
             named_weight("grass").is_err() && named_weight("=1").is_err() && named_weight("a=NaN").is_err()
         );

@@ -2,13 +2,13 @@
 
 use std::ops::ControlFlow;
 use std::path::PathBuf;
-use std::time::Instant;
 
 use dropj::dataset::Dataset;
 use dropj::env::Aids;
 use dropj::simulate::record::record;
 
-use super::EnvName;
+use super::choices::EnvName;
+use super::meter::Meter;
 
 /// As many as a dataset of ours can number.
 const MAX_EPISODES: u64 = 1_000_000;
@@ -45,7 +45,9 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
     let Pilot::Scripted = options.pilot;
     let mut env = options.env.open(Aids::NONE);
     let mut dataset = Dataset::create_or_open(&options.out, options.env.name())?;
-    let started = Instant::now();
+    let mut meter = Meter::new();
+    let (first, n) = (options.first, options.episodes as usize);
+    meter.at("recording episodes", 0, n, String::new);
     let (mut n_steps, mut n_grass, mut n_chuckhole, mut n_car, mut n_episodes) = (0, 0, 0, 0, 0);
     record(
         &mut *env,
@@ -58,20 +60,22 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
             n_chuckhole += recorded.n_chuckhole;
             n_car += recorded.n_car;
             n_episodes += 1;
-            let rate = n_steps as f64 / started.elapsed().as_secs_f64();
-            eprintln!(
-                "episode {}: {} steps, return {:.0}, {:.0} % grass, {} steps in chuckholes, {} at cars \
-                 ({rate:.0} steps/s)",
+            meter.line(&format!(
+                "episode {}: {} steps, return {:.0}, {:.0} % grass, {} steps in chuckholes, {} at cars",
                 recorded.k,
                 recorded.n_steps,
                 recorded.ret,
                 percent(recorded.n_grass, recorded.n_steps),
                 recorded.n_chuckhole,
                 recorded.n_car
-            );
+            ));
+            // Those that the dataset has already are passed over.
+            let done = (recorded.k + 1 - first) as usize;
+            meter.at("recording episodes", done, n, String::new);
             ControlFlow::Continue(())
         },
     )?;
+    drop(meter);
     println!(
         "{n_episodes} episodes of {n_steps} steps recorded, {:.1} % of them on the grass, {:.1} % in chuckholes, \
          {:.1} % at other cars; {} in all in {:?}",

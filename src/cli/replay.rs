@@ -7,7 +7,8 @@ use dropj::run::{Kind, OutputFile};
 use dropj::session::{CLIPS_FILE, replay};
 use dropj::text::shown;
 
-use super::{models, names};
+use super::models;
+use super::words::names;
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct Options {

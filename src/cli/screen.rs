@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use dropj::dream::screen::{Pair, Screen};
 use dropj::dream::signs::{N_SIGNS, SIGNS};
-use dropj::evaluation::auc;
+use dropj::evaluation::{aligned, auc};
 use dropj::run::{Kind, OutputFile};
 use dropj::session::SessionStore;
 use dropj::text::{cell, distinct};
@@ -51,19 +51,21 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
     println!(
         "\nHow often a skipped pair has more of a sign than another (0.5 is chance), and what it counts:"
     );
+    let mut lines = vec![["sign", "how often", "counts"].map(str::to_owned).to_vec()];
     let weights: Vec<_> = Screen::default().weights().collect();
     for (i, (name, weight)) in weights.into_iter().enumerate() {
         let scored = scored(&sessions, |session, pair| session.screen.signs(pair).map(|signs| signs[i]));
-        println!("  {name:<12} {}  {weight:+.2}", figure(auc(&scored)));
+        lines.push(vec![name.to_owned(), figure(auc(&scored)), format!("{weight:+.2}")]);
     }
     let shipped = |session: &Judged, pair: Pair| session.screen.anomaly(pair).map(f64::from);
-    println!("  {:<12} {}", "together", figure(auc(&scored(&sessions, shipped))));
+    lines.push(vec!["together".to_owned(), figure(auc(&scored(&sessions, shipped))), String::new()]);
+    print!("{}", aligned(&lines));
     println!("\nHeld back with the weights as they are shipped:");
     spared(&sessions);
 
     let taught: Vec<_> = sessions.into_iter().map(taught_by_half).collect();
     println!("\nHeld back of the second half of each session, once taught by its first half:");
-    println!("  {:<12} {}", "together", figure(auc(&scored(&taught, shipped))));
+    println!("together: {}", figure(auc(&scored(&taught, shipped))));
     spared(&taught);
     Ok(())
 }
@@ -100,7 +102,7 @@ impl Judged {
 
 /// What holding back a share of all pairs would have saved, and cost.
 fn spared(sessions: &[Judged]) {
-    println!("  share   skips saved      others lost");
+    let mut lines = vec![["share %", "skips saved", "%", "others lost", "%"].map(str::to_owned).to_vec()];
     for share in SHARES {
         let [mut n_bad, mut n_spared, mut n_good, mut n_lost] = [0; 4];
         for session in sessions {
@@ -109,14 +111,17 @@ fn spared(sessions: &[Judged]) {
             (n_good, n_lost) = (n_good + spared.n_good, n_lost + spared.n_lost);
         }
         let of = |some: usize, all: usize| {
-            format!("{some:>4} of {all:<4} {:>3.0} %", 100.0 * some as f64 / all.max(1) as f64)
+            let percent = 100.0 * some as f64 / all.max(1) as f64;
+            [format!("{some} of {all}"), format!("{percent:.0}")]
         };
-        println!("  {:>3.0} %   {}   {}", 100.0 * share, of(n_spared, n_bad), of(n_lost, n_good));
+        let share = format!("{:.0}", 100.0 * share);
+        lines.push([vec![share], of(n_spared, n_bad).to_vec(), of(n_lost, n_good).to_vec()].concat());
     }
+    print!("{}", aligned(&lines));
 }
 
 fn figure(auc: Option<f64>) -> String {
-    auc.map_or_else(|| "   –".to_owned(), |auc| format!("{auc:.3}"))
+    auc.map_or_else(|| "–".to_owned(), |auc| format!("{auc:.3}"))
 }
 
 fn table(dirs: &[PathBuf], sessions: &[Judged]) -> String {

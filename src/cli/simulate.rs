@@ -5,16 +5,22 @@ use std::path::PathBuf;
 use std::time::Instant;
 
 use anyhow::Context as _;
-use dropj::query::{Justifications, Protocol, Query, SEGMENT_LEN, Strategy};
-use dropj::reward::RewardConfig;
-use dropj::session::{Answer, DreamSource, Event, Header, NewSession, SessionStore, now, relative};
+use dropj::app::{Command, LabelCommand};
+use dropj::planner::PlannerConfig;
+use dropj::query::{DreamId, Justifications, Protocol, Query, SEGMENT_LEN, Weights};
+use dropj::reward::{RewardConfig, SparseConfig};
+use dropj::session::{DreamSource, Header, NewSession, now, relative};
 use dropj::simulate::annotator::Annotator;
-use dropj::simulate::player::Manner;
 use dropj::simulate::run::{Answered, Progress, SimulateConfig, simulate};
 
-use super::numbers::{count, name, named_weight, number, number32, one_of};
-use super::refit::fit_reward;
-use super::{EnvName, models, names, verdicts};
+use super::choices::{EnvName, MannerName, ProtocolName, StrategyName};
+use super::learn::{learn_reward, sparse_config};
+use super::meter::Meter;
+use super::numbers::{count, name, named_weight, number, number32};
+use super::run_file::{RunFile, Settings};
+use super::script::Script;
+use super::words::names;
+use super::{models, sparse};
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct Options {
@@ -23,8 +29,8 @@ pub(crate) struct Options {
     env: EnvName,
     /// Which questions are asked; of several, such as drop,drope,dropj, each gets its share of the queries [default:
     /// dropj, with obstacles dropj-multi]
-    #[arg(long, value_parser = one_of(PROTOCOLS), value_delimiter = ',')]
-    protocol: Vec<Protocol>,
+    #[arg(long, value_enum, value_delimiter = ',')]
+    protocol: Vec<ProtocolName>,
     /// What may be named under dropj-multi, and what it weighs: the most severe first, such as
     /// chuckhole=1,grass=0.95,default=0.75
     #[arg(long, value_parser = named_weight, value_delimiter = ',')]
@@ -36,10 +42,9 @@ pub(crate) struct Options {
     /// How many answers are taken back and given again, evenly spread
     #[arg(long, value_parser = count(0..=1_000_000), default_value_t = 0)]
     undo: usize,
-    /// How pairs are chosen: uniform, balanced (seldom two that are likely unsafe), disagreement (of the reward's networks) or
-    /// boundary (near where the road was left)
-    #[arg(long, value_parser = one_of(CHOICES), default_value = "uniform")]
-    choice: Strategy,
+    /// How pairs are chosen
+    #[arg(long, value_enum, default_value = "uniform")]
+    choice: StrategyName,
     /// Who answers, as the session says it
     #[arg(long, value_parser = name, default_value = "simulated")]
     annotator: String,
@@ -53,12 +58,12 @@ pub(crate) struct Options {
     /// the player, by what was learned so far. Paper: 1
     #[arg(long, value_parser = count(1..=10_000), default_value_t = 1)]
     rounds: usize,
-    /// What the player is after: exploring (off the road nearly half of the time) or touring (fast along it, slow beside it)
-    #[arg(long, value_parser = one_of(MANNERS), default_value = "exploring")]
-    manner: Manner,
-    /// How many networks the reward of preferences is the mean of. Paper: 3
-    #[arg(long, value_parser = clap::value_parser!(i64).range(1..=100), default_value_t = 3)]
-    members: i64,
+    /// What the player is after
+    #[arg(long, value_enum, default_value = "exploring")]
+    manner: MannerName,
+    /// How many networks the reward of preferences is the mean of [default: the paper's 3]
+    #[arg(long, value_parser = clap::value_parser!(i64).range(1..=100))]
+    members: Option<i64>,
     /// Of everything drawn
     #[arg(long, default_value_t = 0)]
     seed: u64,
@@ -73,6 +78,8 @@ pub(crate) struct Options {
     probe: Option<PathBuf>,
     #[command(flatten)]
     knobs: Knobs,
+    #[command(flatten)]
+    pub(crate) run_file: RunFile,
 }
 
 /// How the annotator errs (B-Pref's knobs).
@@ -116,32 +123,11 @@ impl Knobs {
     }
 }
 
-/// The protocols by their names here.
-const PROTOCOLS: &[(&str, Protocol)] = &[
-    ("drop", Protocol::Drop),
-    ("drope", Protocol::Drope),
-    ("dropj", Protocol::Dropj),
-    ("dropj-multi", Protocol::DropjMulti),
-    ("request", Protocol::Request),
-    ("dros", Protocol::Dros),
-];
-
-/// The ways to choose pairs by their names here.
-const CHOICES: &[(&str, Strategy)] = &[
-    ("uniform", Strategy::Uniform),
-    ("balanced", Strategy::Balanced),
-    ("disagreement", Strategy::Disagreement),
-    ("boundary", Strategy::SafetyBoundary),
-];
-
-/// What players are after, by its name here.
-const MANNERS: &[(&str, Manner)] = &[("exploring", Manner::Exploring), ("touring", Manner::Touring)];
-
 /// No session is larger than so many steps in all: they are kept in memory while they are played.
 const MOST_STEPS: usize = 10_000_000;
 
 /// Whether the numbers fit each other, as far as that can be said before anything is read.
-fn check(options: &Options, n_queries: usize, n_dreams: usize) -> anyhow::Result<()> {
+fn check(options: &Options, protocols: &[Protocol], n_queries: usize, n_dreams: usize) -> anyhow::Result<()> {
     anyhow::ensure!(
         options.undo <= n_queries,
         "{} answers cannot be taken back where there are {n_queries}: choose another --undo",
@@ -157,87 +143,114 @@ fn check(options: &Options, n_queries: usize, n_dreams: usize) -> anyhow::Result
         "each round plays a dream: with {n_dreams} dreams there are 1 to {n_dreams} rounds, not {}",
         options.rounds
     );
-    let is_sparse = options.protocol.first().is_some_and(|protocol| protocol.is_sparse());
-    anyhow::ensure!(!is_sparse || options.rounds == 1, "rounds are for preferences: verdicts have none");
-    let n_sparse = options.protocol.iter().filter(|protocol| protocol.is_sparse()).count();
     anyhow::ensure!(
-        n_sparse == 0 || options.protocol.len() == 1,
-        "transitions are labeled in a session of their own: name one protocol"
+        !protocols[0].is_sparse() || options.rounds == 1,
+        "rounds are for preferences: verdicts have none"
     );
-    let weights = Justifications::new(options.weights.iter().cloned());
+    let has_sparse = protocols.iter().any(|protocol| protocol.is_sparse());
     anyhow::ensure!(
-        options.weights.is_empty() || weights.is_ok(),
-        weights.err().map_or_else(String::new, |e| e.to_string())
+        !has_sparse || protocols.len() == 1,
+        "transitions are labeled in a session of their own: name one protocol"
     );
     Ok(())
 }
 
+/// What is simulated, as far as that can be said before anything is read, and how verdicts are learned.
+fn settings(options: &Options) -> anyhow::Result<(SimulateConfig, SparseConfig)> {
+    let env = options.env;
+    let protocols = match &options.protocol[..] {
+        [] => vec![Protocol::of_env(env.name())],
+        asked => asked.iter().copied().map(Protocol::from).collect(),
+    };
+    let papers = match env {
+        EnvName::CarRacing => SimulateConfig::car_racing(protocols[0], options.seed),
+        _ => SimulateConfig::obstacle_car_racing(protocols[0], options.seed),
+    };
+    let usual = if protocols[0].is_sparse() { sparse::N_QUERIES } else { papers.n_queries };
+    let (n_queries, n_dreams) = (options.queries.unwrap_or(usual), options.dreams.unwrap_or(papers.n_dreams));
+    check(options, &protocols, n_queries, n_dreams)?;
+    let justifications = match &options.weights[..] {
+        [] => Weights::of_env(env.name()).justifications,
+        given => Justifications::new(given.iter().cloned())?,
+    };
+    let planner = options.run_file.over("planner", &env.planner(), PlannerConfig::check)?;
+    let reward = options.run_file.over("reward", &papers.reward, RewardConfig::check)?;
+    let reward = RewardConfig { members: options.members.unwrap_or(reward.members), ..reward };
+    let verdicts = options.run_file.over("sparse", &sparse_config(protocols[0]), SparseConfig::check)?;
+    let config = SimulateConfig {
+        protocols,
+        justifications,
+        n_queries,
+        n_dreams,
+        dream_steps: options.steps,
+        n_rounds: options.rounds,
+        manner: options.manner.into(),
+        planner,
+        reward,
+        annotator: options.knobs.annotator(),
+        strategy: options.choice.into(),
+        ..papers
+    };
+    Ok((config, verdicts))
+}
+
+/// The settings as a file says them.
+fn to_toml(all: Settings, config: &SimulateConfig, verdicts: &SparseConfig) -> String {
+    let Annotator { beta, gamma, eps_mistake, eps_skip, care, eps_equal, eps_safety } = config.annotator;
+    let weights = config.justifications.iter().map(|(_, name, weight)| format!("{name}={weight}"));
+    let all = all
+        .with("protocol", &config.protocols)
+        .with("weights", weights.collect::<Vec<_>>())
+        .with("queries", config.n_queries)
+        .with("dreams", config.n_dreams)
+        .with("beta", beta)
+        .with("gamma", gamma)
+        .with("eps-mistake", eps_mistake)
+        .with("care", care)
+        .with("eps-skip", eps_skip)
+        .with("eps-equal", eps_equal)
+        .with("eps-safety", eps_safety)
+        .with("planner", &config.planner);
+    // Verdicts and preferences are learned by networks of different kinds.
+    let is_sparse = config.protocols[0].is_sparse();
+    let all = if is_sparse { all.with("sparse", verdicts) } else { all.with("reward", &config.reward) };
+    all.to_toml()
+}
+
 pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
     let env = options.env;
-    let is_sparse = options.protocol.first().is_some_and(|protocol| protocol.is_sparse());
-    let papers = match env {
-        EnvName::CarRacing => SimulateConfig::car_racing(Protocol::default(), options.seed),
-        _ => SimulateConfig::obstacle_car_racing(Protocol::default(), options.seed),
-    };
-    let usual = if is_sparse { verdicts::N_QUERIES } else { papers.n_queries };
-    check(options, options.queries.unwrap_or(usual), options.dreams.unwrap_or(papers.n_dreams))?;
+    let (config, learning) = settings(options)?;
+    if let Some(all) = options.run_file.to_print() {
+        print!("{}", to_toml(all, &config, &learning));
+        return Ok(());
+    }
     let world = options.world.clone().unwrap_or_else(|| models::world_model_asset(env));
     let model = models::world_model(&world)?;
     models::require(&model, env)?;
     let probe = models::probe(options.probe.as_deref(), env)?;
     probe.require(&model)?;
-    let protocols = match &options.protocol[..] {
-        [] => vec![Protocol::of_env(env.name())],
-        asked => asked.to_vec(),
-    };
-    let mut header = Header::new(env.name(), protocols[0], options.seed, &model.hash(), now());
-    if !options.weights.is_empty() {
-        header.config.weights.justifications = Justifications::new(options.weights.iter().cloned())?;
-    }
-    let justifications = header.config.weights.justifications.clone();
+    let mut header = Header::new(env.name(), config.protocols[0], options.seed, &model.hash(), now());
+    header.config.weights.justifications = config.justifications.clone();
     header.config.annotator.clone_from(&options.annotator);
     header.world_model_path = relative(&options.out, &world);
-
-    let is_sparse = protocols[0].is_sparse();
-    let papers = match env {
-        EnvName::CarRacing => SimulateConfig::car_racing(protocols[0], options.seed),
-        _ => SimulateConfig::obstacle_car_racing(protocols[0], options.seed),
-    };
-    let config = SimulateConfig {
-        protocols,
-        justifications,
-        n_queries: options.queries.unwrap_or(if is_sparse { verdicts::N_QUERIES } else { papers.n_queries }),
-        n_dreams: options.dreams.unwrap_or(papers.n_dreams),
-        dream_steps: options.steps,
-        n_rounds: options.rounds,
-        manner: options.manner,
-        planner: env.planner(),
-        reward: RewardConfig { members: options.members, ..papers.reward },
-        annotator: options.knobs.annotator(),
-        strategy: options.choice,
-        ..papers
-    };
     anyhow::ensure!(
         !model.starts().is_empty(),
         "the world model {world:?} has no states to start dreams from"
     );
     let new = NewSession::at(&options.out)?;
-    let mut store = new.create(header)?;
+    let store = new.create(header)?;
     let started = Instant::now();
-    let mut said = Instant::now();
+    let mut meter = Meter::new();
     let on_progress = &mut |progress| {
-        if said.elapsed().as_secs() >= 5 {
-            said = Instant::now();
-            match progress {
-                Progress::Played(done, n) => eprintln!("playing: step {done} of {n}"),
-                Progress::Decoded(done, n) => eprintln!("looking: dream {done} of {n}"),
-                Progress::Answered(done, n) => eprintln!("answering: query {done} of {n}"),
-            }
+        match progress {
+            Progress::Played(done, n) => meter.at("playing steps", done, n, String::new),
+            Progress::Decoded(done, n) => meter.at("looking at dreams", done, n, String::new),
+            Progress::Answered(done, n) => meter.at("answering queries", done, n, String::new),
         }
         ControlFlow::Continue(())
     };
     if config.protocols.iter().any(|protocol| protocol.is_sparse()) {
-        let said = verdicts::run(&mut store, &model, &probe, &config, on_progress)?;
+        let (said, store) = sparse::run(store, &model, &probe, &config, &learning, on_progress)?;
         new.finish(store)?;
         println!("{said}; {:?}", options.out);
         return Ok(());
@@ -245,15 +258,21 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
     let simulated = simulate(&model, &probe, &config, model.starts(), on_progress)
         .context("the simulation cannot go on")?
         .context("the simulation was broken off")?;
+    drop(meter);
+    let mut script = Script::new(store, &model)?;
     for dream in &simulated.dreams {
-        store.save_dream(dream, DreamSource::Simulated)?;
+        script.keep_dream(dream, DreamSource::Simulated, None)?;
     }
     let n = simulated.answers.len();
     for (i, answered) in simulated.answers.iter().enumerate() {
         let is_undone = (i + 1) * options.undo / n > i * options.undo / n;
-        record(&mut store, answered, &options.annotator, is_undone)?;
+        answer(&mut script, answered, &options.annotator, is_undone)?;
     }
-    let fit = fit_reward(&mut store, &model, config.reward.clone(), options.seed, None)?;
+    let dreams = (0..).map(DreamId).zip(simulated.dreams.iter().cloned()).collect();
+    let (parameters, fit) =
+        learn_reward(script.session(), &dreams, &model, config.reward.clone(), options.seed, None)?;
+    script.keep_reward(parameters, &fit)?;
+    let store = script.finish()?;
     let store = new.finish(store)?;
     println!(
         "{}: {} dreams, {} queries, {} labels; {:.0} % of the clips unsafe; losses {:.4?}; {:.0} s; {:?}",
@@ -269,23 +288,14 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// Writes an answer down; one that `is_undone` is taken back and given again.
-fn record(
-    store: &mut SessionStore,
-    answered: &Answered,
-    annotator: &str,
-    is_undone: bool,
-) -> anyhow::Result<()> {
+/// Asks and answers what a person would be asked; one that `is_undone` is taken back and given again.
+fn answer(script: &mut Script, answered: &Answered, annotator: &str, is_undone: bool) -> anyhow::Result<()> {
     let &Answered { query: Query { id: query, left, right }, protocol, strategy, response, .. } = answered;
-    if protocol != store.session().protocol() {
-        store.record(Event::ProtocolChanged { protocol })?;
-    }
-    store.record(Event::Asked { query, left, right, choice: strategy.into() })?;
-    let answer = Event::Answered(Answer::new(query, response, 0.0, annotator));
+    script.command(Command::Label(LabelCommand::ChangeProtocol(protocol)))?;
+    script.ask([left, right], strategy.into())?;
     if is_undone {
-        store.record(answer.clone())?;
-        store.record(Event::Retracted { query })?;
+        script.answer(query, response, annotator)?;
+        script.command(Command::Label(LabelCommand::Undo))?;
     }
-    store.record(answer)?;
-    Ok(())
+    script.answer(query, response, annotator)
 }

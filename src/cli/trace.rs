@@ -7,7 +7,8 @@ use dropj::env::trace::{Row, Traced, trace};
 use dropj::env::{CarRacing, ObstacleCarRacing, Obstacles, Seed};
 use dropj::run::{Kind, OutputFile};
 
-use super::{EnvName, Switch};
+use super::choices::{EnvName, Switch};
+use super::picture::png;
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct Options {
@@ -68,7 +69,7 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
 /// Writes a square picture.
 fn save(picture: OutputFile, rgb: &[u8]) -> anyhow::Result<()> {
     let side = (rgb.len() / 3).isqrt() as u32;
-    picture.write(&super::png(rgb, side, side)?)?;
+    picture.write(&png(rgb, side, side)?)?;
     Ok(())
 }
 

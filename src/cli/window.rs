@@ -2,16 +2,21 @@
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use std::time::SystemTime;
 
+use dropj::app::{FirstWorld, Startup};
 use dropj::planner::synthesis::SynthesisConfig;
 use dropj::reward::RewardConfig;
 use dropj::session::SessionStore;
 use dropj::tensor::from_slice;
 use dropj::text::shown;
-use dropj::ui::{self, DreamStart, FirstWorld, LoadedWorld, Plans, Startup, Threads, system_pads};
+use dropj::ui::{self, WindowStartup, system_pads};
+use dropj::worker::{Cause, DreamStart, LoadedWorld, Threads, WorkerConfig, Workers};
 use dropj::world_model::fit::FitConfig;
 
-use super::{EnvName, models, settings};
+use super::choices::EnvName;
+use super::words::in_words;
+use super::{models, settings};
 
 #[derive(Debug, Default, clap::Args)]
 pub(crate) struct Options {
@@ -43,7 +48,11 @@ pub(crate) fn run(options: Options) -> anyhow::Result<()> {
     };
     let own = session.as_ref().and_then(SessionStore::world_model_path);
     let world = options.world.or(own).unwrap_or_else(|| models::world_model_asset(env));
-    let plans = Plans {
+    let shipped = models::world_model_asset(env);
+    let load = move |path: &Path| {
+        load(path, path == shipped, env).map_err(|error| -> Cause { Arc::new(LoadError(in_words(&error))) })
+    };
+    let config = WorkerConfig {
         env: Box::new(move |aids| env.open(aids)),
         env_name: env.name().to_owned(),
         world: env.world(),
@@ -51,27 +60,33 @@ pub(crate) fn run(options: Options) -> anyhow::Result<()> {
         reward: RewardConfig::car_racing(),
         planner: env.planner(),
         synthesis: SynthesisConfig::paper(),
+        load: Arc::new(load),
     };
-    let shipped = models::world_model_asset(env);
-    let load = move |path: &Path| load(path, path == shipped, env);
-    let startup = Startup {
+    let app = Startup {
         env: env.name().to_owned(),
         sessions: options.sessions,
         dataset: options.data.unwrap_or_else(|| Path::new("data").join(env.name())),
         world: FirstWorld::In(world),
         session,
-        load: Arc::new(load),
-        hire: Box::new(|reports, model| Box::new(Threads::new(plans, reports, model))),
-        input: system_pads(),
+        seed: SystemTime::now()
+            .duration_since(SystemTime::UNIX_EPOCH)
+            .map_or(0, |since| since.as_nanos() as u64),
     };
+    let workers = Box::new(|wake| -> Box<dyn Workers> { Box::new(Threads::new(config, None, wake)) });
+    let startup = WindowStartup { app, workers, input: system_pads() };
     let notices = ui::settings_file().and_then(|path| settings::look_after(&path));
-    ui::run(startup, notices.into_iter().collect()).map_err(anyhow::Error::msg)
+    Ok(ui::run(startup, notices.into_iter().collect())?)
 }
 
+/// Why a world model could not be read, in one sentence.
+#[derive(Debug, thiserror::Error)]
+#[error("{0}")]
+struct LoadError(String);
+
 /// The world model in `path`, with what a person may want to know of it.
-fn load(path: &Path, is_shipped: bool, env: EnvName) -> Result<LoadedWorld, String> {
-    let model = models::world_model(path).map_err(|e| super::in_words(&e))?;
-    models::require(&model, env).map_err(|e| e.to_string())?;
+fn load(path: &Path, is_shipped: bool, env: EnvName) -> anyhow::Result<LoadedWorld> {
+    let model = models::world_model(path)?;
+    models::require(&model, env)?;
     let name = if is_shipped {
         "the shipped one".to_owned()
     } else {

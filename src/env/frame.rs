@@ -29,6 +29,11 @@ impl Frame {
     pub fn rgb(&self) -> &[u8] {
         &self.rgb
     }
+
+    /// The same, shared.
+    pub fn shared(&self) -> Arc<[u8]> {
+        Arc::clone(&self.rgb)
+    }
 }
 
 impl std::fmt::Debug for Frame {

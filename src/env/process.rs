@@ -1,4 +1,6 @@
 //! What the models see of a Car Racing picture: cropped, squeezed, black turned to white.
+//!
+//! By hand on purpose: resizers of the registry do not promise Pillow's fixed-point rounding, bit for bit.
 
 use std::f64::consts::PI;
 use std::sync::LazyLock;

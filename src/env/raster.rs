@@ -2,6 +2,8 @@
 //!
 //! It fills as OpenGL does: corners are snapped to 1/256 pixel, and a pixel takes the color of the last polygon that
 //! contains its center. Centers on an edge belong to one side only, so neighbors neither overlap nor leave gaps.
+//! By hand on purpose: rasterizers of the registry, such as `tiny-skia`, do not promise this rule, and a pixel more or
+//! less at an edge is another picture than the Python environment's.
 
 /// Red, green and blue.
 pub(super) type Color = [u8; 3];

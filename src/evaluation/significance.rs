@@ -1,4 +1,6 @@
 //! Whether methods differ by more than chance: Kruskal–Wallis, and Dunn's test of each pair (method §12).
+//!
+//! By hand on purpose: `statrs` has the distributions but neither of the tests; all is checked against `SciPy` below.
 
 use std::f64::consts::PI;
 

@@ -1,6 +1,7 @@
 //! The results of several methods as plain text, one method a line.
 
-use std::fmt::Write as _;
+use comfy_table::presets::NOTHING;
+use comfy_table::{CellAlignment, Table};
 
 use crate::evaluation::metrics::{MeanSd, Summary};
 
@@ -46,19 +47,17 @@ pub fn table(methods: &[(&str, Summary)]) -> String {
 }
 
 /// Lines of as many cells each, the first cell at the left and the others at the right of their columns.
+///
+/// Nothing is drawn around them, so that they can be copied; what is in a cell is to be safe to show already
+/// ([`shown`](crate::text::shown)).
 pub fn aligned(lines: &[Vec<String>]) -> String {
-    let n_columns = lines.first().map_or(0, Vec::len);
-    let widest = |column: usize| lines.iter().map(|cells| cells[column].chars().count()).max().unwrap_or(0);
-    let widths: Vec<_> = (0..n_columns).map(widest).collect();
-    let mut text = String::new();
-    for cells in lines {
-        write!(text, "{:<1$}", cells[0], widths[0]).ok();
-        for (cell, &width) in cells.iter().zip(&widths).skip(1) {
-            write!(text, "  {cell:>width$}").ok();
-        }
-        text.push('\n');
+    let mut table = Table::new();
+    table.load_style(NOTHING).add_rows(lines);
+    for (i, column) in table.column_iter_mut().enumerate() {
+        let (gap, side) = if i == 0 { (0, CellAlignment::Left) } else { (2, CellAlignment::Right) };
+        column.set_padding((gap, 0)).set_cell_alignment(side);
     }
-    text
+    table.trim_fmt() + "\n"
 }
 
 #[cfg(test)]
@@ -77,5 +76,11 @@ mod tests {
              A             10  5.0 ± 1.0  50.0 ± 1.0\n\
              Bee           10  5.0 ± 1.0           –\n"
         );
+    }
+
+    #[test]
+    fn columns_are_as_wide_as_they_look() {
+        let lines = [["who", "n"], ["用户", "10"], ["Ann", "9"]].map(|line| line.map(str::to_owned).to_vec());
+        assert_eq!(aligned(&lines), "who    n\n用户  10\nAnn    9\n");
     }
 }

@@ -14,12 +14,16 @@ use tch::{Kind, Tensor};
 use crate::dream::Rows;
 use crate::env::Action;
 use crate::reward::{RewardModel, scaled_actions_tensor};
+use crate::tensor::limits::{MAX_COUNT, OutOfRange, within};
 use crate::tensor::{NotFinite, to_vec};
 use crate::world_model::{Next, State, WorldModel, actions_tensor};
 
 pub use agent::Agent;
 pub use candidates::{N_CANDIDATES, candidates};
 pub use co_driver::CoDriver;
+
+/// Further ahead nobody looks: what is imagined there has little to do with the world.
+const MAX_HORIZON: usize = 200;
 
 /// How the planner looks ahead (method §11).
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -56,6 +60,15 @@ impl PlannerConfig {
     /// The same for a reward that was learned from single transitions: it looks 25 steps ahead, as the authors' does.
     pub fn for_transitions(self) -> Self {
         Self { horizon: 25, ..self }
+    }
+
+    /// Fails where nobody can look ahead so.
+    pub fn check(&self) -> Result<(), OutOfRange> {
+        within("the planner's horizon", self.horizon, 1..=MAX_HORIZON)?;
+        within("the number of steps from plan to plan", self.replan, 1..=MAX_COUNT)?;
+        within("how hard the planner brakes", self.brake, 0.0..=1.0)?;
+        within("the planner's temperature", self.temperature, 1e-6..=1e3)?;
+        within("the number of steps until all is forgotten", self.memory_reset.unwrap_or(1), 1..=MAX_COUNT)
     }
 
     /// The authors' values for Obstacle Car Racing with chuckholes and other cars.

@@ -35,37 +35,25 @@ impl RewardEnsemble {
 
 #[cfg(test)]
 mod tests {
-    use rand::SeedableRng as _;
-    use rand_chacha::ChaCha8Rng;
-    use tch::Kind;
+    use crate::reward::of_cosines;
 
-    use super::*;
-    use crate::reward::RewardConfig;
-    use crate::tensor::normal;
-
-    const F: i64 = 6;
-
-    fn segment(seed: u64) -> Vec<f32> {
-        to_vec(&normal(&mut ChaCha8Rng::seed_from_u64(seed), &[SEGMENT_LEN as i64, F + 3]))
+    /// Rows of `scale · sin(phase + i)`.
+    fn segment(scale: f32, phase: u8) -> Vec<f32> {
+        (0..100).map(|i: u8| scale * f32::from(phase + i).sin()).collect()
     }
 
+    // With `rewards` as above the test of members in `reward`:
+    //
+    //   segment = lambda scale, phase: scale * sin(phase + arange(100.)).reshape(20, 5)
+    //   left, right = (rewards(segment(*which)).sum(1) for which in [(1, 0), (0.9, 1)])
+    //   (1 / (1 + exp(right - left))).std()     # of 0.77441361 and 0.3445194
     #[test]
     fn disagreement_is_the_deviation_of_the_members_preferences() {
-        let rng = &mut ChaCha8Rng::seed_from_u64(0);
-        let ensemble = RewardEnsemble::new(F, "sha256:0", RewardConfig::tiny(), rng).in_kind(Kind::Float);
-        let (left, right) = (segment(1), segment(2));
-        let found = ensemble.disagreements(&[[left.clone(), right.clone()], [left.clone(), left.clone()]]);
-
-        let returns = |rows: &[f32]| {
-            let rows = from_slice(rows, &[SEGMENT_LEN as i64, F + 3]);
-            let rewards = ensemble.member_rewards(&rows.narrow(1, 0, F), &rows.narrow(1, F, 3)); // [2, k]
-            to_vec(&rewards.sum_dim_intlist(1, false, Kind::Float))
-        };
-        let (lefts, rights) = (returns(&left), returns(&right));
-        let p = |e: usize| 1.0 / (1.0 + (rights[e] - lefts[e]).exp());
-        // Of two numbers the deviation is half their distance.
-        assert!((found[0] - (p(0) - p(1)).abs() / 2.0).abs() < 1e-5, "{found:?}");
-        assert!(found[0] > 1e-3 && found[1] == 0.0, "about a segment and itself all say a half: {found:?}");
-        assert!(ensemble.disagreements(&[]).is_empty());
+        let ensemble = of_cosines();
+        let (left, right) = (segment(1.0, 0), segment(0.9, 1));
+        let found = ensemble.disagreements(&[[left.clone(), right], [left.clone(), left]]);
+        assert!((found[0] - 0.214_947_1).abs() < 1e-4, "{found:?}");
+        assert_eq!(found[1], 0.0, "about a segment and itself all say a half");
+        assert!(ensemble.disagreements(&[]).is_empty(), "of nothing there is none");
     }
 }

@@ -356,6 +356,23 @@ pub fn scaled_actions_tensor(actions: &[Action]) -> Tensor {
     from_slice(&values, &[actions.len() as i64, Action::LEN as i64])
 }
 
+/// Two members over two features, two hidden layers of three units, whose parameters are cosines: `NumPy` makes the same.
+#[cfg(test)]
+fn of_cosines() -> RewardEnsemble {
+    let config = RewardConfig { members: 2, hidden: 3, layers: 2, ..RewardConfig::tiny() };
+    let slots = RewardEnsemble::slots(&config, 2);
+    let tensors = slots.iter().map(|slot| {
+        let shape = slot.shape_in(LAYOUT);
+        let factor = if slot.name.ends_with("bias") { 0.1 } else { 1.0 };
+        let values: Vec<_> = (0..shape.iter().product()).map(|i: i64| factor * (i as f32).cos()).collect();
+        (format!("reward.{}", slot.name), from_slice(&values, shape))
+    });
+    let header = Header { config, n_features: 2, world_model: "sha256:0".to_owned() };
+    let parameters = Parameters::from_tensors(tensors, &[("reward", described(&header))]);
+    let loaded = RewardEnsemble::load(&parameters).unwrap_or_else(|e| panic!("they are of that shape: {e}"));
+    loaded.in_kind(Kind::Float)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -389,17 +406,37 @@ mod tests {
         assert!(apart.double_value(&[]) < 1e-6, "the mean of two is half their sum");
     }
 
+    // The numbers are NumPy's:
+    //
+    //   from numpy import *
+    //   def layer(inputs, outputs):
+    //       w = cos(arange(2 * outputs * inputs)).reshape(2, outputs, inputs)
+    //       return w, 0.1 * cos(arange(2 * outputs)).reshape(2, outputs)
+    //   layers = [layer(5, 3), layer(3, 3), layer(3, 1)]
+    //   def rewards(x):
+    //       out = []
+    //       for e in range(2):
+    //           y = x
+    //           for i, (w, b) in enumerate(layers):
+    //               y = y @ w[e].T + b[e]
+    //               if i < 2: y = where(y > 0, y, 0.01 * y)
+    //           out.append(tanh(y[..., 0]))
+    //       return stack(out)
+    //   rewards(sin(arange(20.)).reshape(4, 5)), rewards(sin(arange(20.)).reshape(4, 5)).mean(0)
     #[test]
-    fn stacked_members_are_plain_networks_side_by_side() {
-        let ensemble = tiny().in_kind(Kind::Float);
-        let rows = normal(&mut rng(), &[4, 39]);
-        let mut x = rows.shallow_clone();
-        for (i, layer) in ensemble.layers.iter().enumerate() {
-            x = x.matmul(&layer.weight.select(0, 1)) + layer.bias.select(0, 1);
-            x = if i == 2 { x.tanh() } else { x.maximum(&(&x * 0.01)) };
+    fn members_and_their_mean_are_those_of_the_formula() {
+        let ensemble = of_cosines();
+        let rows: Vec<_> = (0..20u8).map(|i| f32::from(i).sin()).collect();
+        let rows = from_slice(&rows, &[4, 5]);
+        let (features, actions) = (rows.narrow(1, 0, 2), rows.narrow(1, 2, 3));
+        let members = to_vec(&ensemble.member_rewards(&features, &actions));
+        let mean = to_vec(&ensemble.rewards(&features, &actions));
+        let first = [0.641_740_55, 0.450_581_2, 0.216_093_97, 0.833_430_33];
+        let second = [0.051_878_85, -0.696_333_04, -0.959_670_2, -0.790_145_1];
+        let together = [0.346_809_7, -0.122_875_92, -0.371_788_1, 0.021_642_61];
+        for (found, wanted) in members.iter().chain(&mean).zip([first, second, together].concat()) {
+            assert!((found - wanted).abs() < 1e-5, "{found} instead of {wanted}");
         }
-        let member = ensemble.member_rewards(&rows.narrow(1, 0, 36), &rows.narrow(1, 36, 3)).select(0, 1);
-        assert!((member - x.view(-1)).abs().max().double_value(&[]) < 1e-6);
     }
 
     #[test]

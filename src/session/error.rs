@@ -309,6 +309,9 @@ pub enum ClipHashError {
 /// Why a session cannot be made, opened, written or read.
 #[derive(Debug, thiserror::Error)]
 pub enum SessionError {
+    /// Something is to be kept while no session is open.
+    #[error("there is no session to keep it in")]
+    NotOpen,
     /// It is being made, or was when the program was killed.
     #[error("this session was never finished: run the command that made it again, or wait for it: {path:?}")]
     Unfinished {

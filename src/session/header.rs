@@ -2,6 +2,7 @@
 
 use std::path::Path;
 
+use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
 
 use crate::query::{Protocol, Weights};
@@ -149,36 +150,18 @@ impl Header {
 
 /// `what` behind the time (UTC) so many milliseconds after the start of 1970.
 pub(super) fn timed_name(at: u64, what: &str) -> String {
-    let secs = at / 1000;
-    format!("{}T{}-{:02}-{what}", day(secs), time(secs).replace(':', "-"), secs % 60)
+    format!("{}-{what}", timestamp(at / 1000).strftime("%Y-%m-%dT%H-%M-%S"))
 }
 
 /// `2026-11-22 10:15`: the date and time, in UTC, that many seconds after the beginning of 1970.
 pub fn date(secs: u64) -> String {
-    format!("{} {}", day(secs), time(secs))
+    timestamp(secs).strftime("%Y-%m-%d %H:%M").to_string()
 }
 
-fn day(secs: u64) -> String {
-    let (year, month, day) = civil(secs / 86_400);
-    format!("{year:04}-{month:02}-{day:02}")
-}
-
-fn time(secs: u64) -> String {
-    format!("{:02}:{:02}", secs / 3600 % 24, secs / 60 % 60)
-}
-
-/// Year, month and day of the Gregorian calendar, `days` after the first of January 1970.
-///
-/// The way of Howard Hinnant's `civil_from_days`: years that begin in March have their odd day at the end.
-fn civil(days: u64) -> (u64, u64, u64) {
-    let days = days + 719_468; // since the first of March of the year 0
-    let (era, day_of_era) = (days / 146_097, days % 146_097);
-    let year_of_era = (day_of_era - day_of_era / 1460 + day_of_era / 36_524 - day_of_era / 146_096) / 365;
-    let day_of_year = day_of_era - (365 * year_of_era + year_of_era / 4 - year_of_era / 100);
-    let month_from_march = (5 * day_of_year + 2) / 153;
-    let day = day_of_year - (153 * month_from_march + 2) / 5 + 1;
-    let month = if month_from_march < 10 { month_from_march + 3 } else { month_from_march - 9 };
-    (400 * era + year_of_era + u64::from(month <= 2), month, day)
+/// The moment so many seconds after the start of 1970; the last of the year 9999 for what lies behind it.
+fn timestamp(secs: u64) -> Timestamp {
+    let secs = i64::try_from(secs).ok();
+    secs.and_then(|secs| Timestamp::from_second(secs).ok()).unwrap_or(Timestamp::MAX)
 }
 
 #[cfg(test)]
@@ -187,13 +170,17 @@ mod tests {
 
     use super::*;
 
+    // python3 -c "from datetime import *; [print(datetime.fromtimestamp(s, UTC)) for s in (0, 951782400, 1795342500, …)]"
     #[test]
-    fn days_become_dates() {
-        assert_eq!(civil(0), (1970, 1, 1));
-        assert_eq!(civil(11_016), (2000, 2, 29));
-        assert_eq!(civil(20_779), (2026, 11, 22));
-        assert_eq!(civil(20_818), (2026, 12, 31));
-        assert_eq!(civil(20_819), (2027, 1, 1));
+    fn seconds_become_dates() {
+        assert_eq!(date(0), "1970-01-01 00:00");
+        assert_eq!(date(951_782_400), "2000-02-29 00:00");
+        assert_eq!(date(1_795_342_500), "2026-11-22 10:15");
+        assert_eq!(date(1_798_761_599), "2026-12-31 23:59");
+        assert_eq!(date(1_798_761_600), "2027-01-01 00:00");
+        assert_eq!(timed_name(1_798_761_599_999, "dropj"), "2026-12-31T23-59-59-dropj");
+        // A header can hold any number.
+        assert_eq!(date(u64::MAX), date(1 << 50));
     }
 
     #[test]

@@ -9,6 +9,7 @@ use crate::tensor::Parameters;
 use crate::world_model::ModelIdentity;
 
 /// A session, and what is in its files.
+#[derive(Debug)]
 pub struct LoadedSession {
     /// The session.
     pub store: SessionStore,
@@ -21,6 +22,11 @@ pub struct LoadedSession {
 }
 
 impl LoadedSession {
+    /// A session that has just been made: there is nothing to read yet.
+    pub fn new(store: SessionStore) -> Self {
+        Self { store, dreams: Vec::new(), reward: Ok(None), unfinished: Ok(Vec::new()) }
+    }
+
     /// Holds the session and its dreams against the world model that it is to go on with.
     pub fn bind_model(&mut self, model: &ModelIdentity) -> Result<(), SessionError> {
         self.store.bind_model(model)?;

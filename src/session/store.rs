@@ -397,6 +397,11 @@ impl SessionStore {
         &self.session
     }
 
+    /// The lines of its log, in order.
+    pub fn entries(&self) -> &[Entry] {
+        &self.entries
+    }
+
     /// Its head.
     pub fn header(&self) -> &Header {
         &self.header

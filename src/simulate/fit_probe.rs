@@ -16,6 +16,7 @@ use super::player::explorer;
 use super::probe::{CONTACTS, GAP, N_MEASURED, Net, Probe, ProbeConfig, Sight};
 use crate::env::{Env, Frame, Seed};
 use crate::tensor::adam::Adam;
+use crate::tensor::limits::{MAX_COUNT, OutOfRange, within};
 use crate::tensor::{NotFinite, Parameters, from_frames, from_slice, normal, require_finite};
 use crate::world_model::{Vae, WorldModel, fast_kind};
 
@@ -71,6 +72,18 @@ impl FitProbeConfig {
     /// The same for the world with obstacles.
     pub fn obstacle_car_racing() -> Self {
         Self { probe: ProbeConfig::obstacle_car_racing(), ..Self::car_racing() }
+    }
+
+    /// Fails where no probe can be fitted so.
+    pub fn check(&self) -> Result<(), OutOfRange> {
+        self.probe.check()?;
+        within("the number of episodes that are driven", self.n_episodes, 2..=100_000)?;
+        within("the number of episodes that are held out", self.n_held_out, 1..=100_000)?;
+        within("the number of steps between examples", self.stride, 6..=1000)?;
+        within("the share of examples that is painted", self.painted, 0.0..=1.0)?;
+        within("the number of the probe's updates", self.n_updates, 1..=MAX_COUNT)?;
+        within("the number of examples in an update", self.batch, 1..=MAX_COUNT)?;
+        within("the probe's learning rate", self.learning_rate, 0.0..=1e3)
     }
 }
 

@@ -379,6 +379,7 @@ mod tests {
         assert!(n_parameters < 300_000, "{n_parameters} parameters");
     }
 
+    // By hand, with the scales of assets/FORMAT.md: −3 / 5, sin 0.4, cos 0.4, 30 / 15, −2 / 15, 0.1 / 0.5, −0.2 / 0.5, 0.6.
     #[test]
     fn the_outputs_of_a_sight_mean_that_sight() {
         let sight = Sight {
@@ -388,12 +389,18 @@ mod tests {
             bends: [0.1, -0.2, 0.6],
             ..Sight::default()
         };
-        let outputs: Vec<f32> = [-100.0, -100.0].into_iter().chain(sight.targets()).collect();
+        let outputs = [-0.6, 0.389_418, 0.921_061, 2.0, -0.133_333, 0.2, -0.4, 0.6];
+        for (found, wanted) in sight.targets().into_iter().zip(outputs) {
+            assert!((found - wanted).abs() < 1e-5, "{found} instead of {wanted}");
+        }
 
-        let read = Sight::from_outputs(&outputs);
-
+        // A logit of ln 3 is a chance of three quarters.
+        let read = Sight::from_outputs(&[[1.098_612, -1.098_612].as_slice(), &outputs].concat());
+        assert!((read.off_road - 0.75).abs() < 1e-5 && (read.all_off - 0.25).abs() < 1e-5, "{read:?}");
         assert!((read.heading_error - 0.4).abs() < 1e-5 && (read.lateral + 3.0).abs() < 1e-5, "{read:?}");
-        assert!((read.road_velocity[0] - 30.0).abs() < 1e-4 && read.off_road < 1e-6, "{read:?}");
+        assert!((read.road_velocity[0] - 30.0).abs() < 1e-4, "{read:?}");
+        assert!((read.road_velocity[1] + 2.0).abs() < 1e-4, "{read:?}");
+        assert!((read.bends[1] + 0.2).abs() < 1e-5 && (read.bends[2] - 0.6).abs() < 1e-5, "{read:?}");
     }
 
     #[test]

@@ -1,6 +1,7 @@
 //! The container of all arrays on disk, safetensors: read within bounds, and written alike for the same content.
 //!
-//! The reader of the crate `safetensors` trusts sums of sizes and forgets in which order a header tells things. This one
+//! By hand on purpose: the reader of the crate `safetensors` trusts sums of sizes and forgets in which order a header
+//! tells things. This one
 //! trusts nothing, and what it has read can be written again byte by byte.
 
 use std::fmt;

@@ -12,20 +12,7 @@ use std::time::{Duration, Instant};
 use eframe::egui::Context;
 use rfd::{AsyncFileDialog, FileHandle};
 
-use crate::ui::command::Field;
-
-/// What a file or folder is chosen for.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Purpose {
-    /// To stand in a field.
-    Field(Field),
-    /// A world model to load.
-    World,
-    /// A folder of recordings to use.
-    Recordings,
-    /// Sessions to put together with others.
-    Several,
-}
+use crate::app::{Field, Purpose};
 
 /// A dialog that is open.
 pub(super) struct Dialog {
@@ -58,7 +45,7 @@ impl Dialog {
             Purpose::Field(Field::ModelOut) => {
                 one(weights(dialog).set_file_name("world_model.safetensors").save_file())
             }
-            Purpose::Several => {
+            Purpose::Merge => {
                 let picked = dialog.set_title("Folders of sessions").pick_folders();
                 Box::pin(async { picked.await.unwrap_or_default() })
             }
@@ -119,7 +106,7 @@ fn no_dialog(purpose: Purpose) -> String {
     let instead = match purpose {
         Purpose::Field(_) => "or type the path into the field",
         Purpose::World => "or type the path of the file under World model",
-        Purpose::Recordings | Purpose::Several => "or drop the folder on this window",
+        Purpose::Recordings | Purpose::Merge => "or drop the folder on this window",
     };
     format!(
         "no dialog for files could be shown here: install xdg-desktop-portal with a backend (such as \
@@ -150,7 +137,7 @@ mod tests {
         for (purpose, instead) in [
             (Purpose::Field(Field::Dataset), "type the path into the field"),
             (Purpose::World, "type the path of the file"),
-            (Purpose::Several, "drop the folder"),
+            (Purpose::Merge, "drop the folder"),
         ] {
             let said = no_dialog(purpose);
             assert!(said.contains("xdg-desktop-portal") && said.contains("zenity"), "{said}");

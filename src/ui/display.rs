@@ -11,13 +11,15 @@ mod linux {
     use std::path::PathBuf;
     use std::time::Duration;
 
+    use crate::ui::WindowError;
+
     /// How long a display is waited for; a living one answers in a few milliseconds.
     const PATIENCE: Duration = Duration::from_secs(2);
 
     /// Whether X is to be used although a Wayland display is named, for that one does not answer.
     ///
     /// `Err` where there is no other: a library would wait for ever.
-    pub(crate) fn force_x11() -> Result<bool, String> {
+    pub(crate) fn force_x11() -> Result<bool, WindowError> {
         let named = |name| std::env::var_os(name).filter(|value| !value.is_empty());
         // What was handed down as an open connection cannot be tried without using it up.
         if named("WAYLAND_SOCKET").is_some() {
@@ -33,7 +35,7 @@ mod linux {
                 log::warn!("the Wayland display does not answer: the window opens on the X display {x11:?}");
                 Ok(true)
             }
-            (false, None) => Err("WAYLAND_DISPLAY names a display that does not answer".to_owned()),
+            (false, None) => Err(WindowError::Wayland),
         }
     }
 
@@ -96,8 +98,11 @@ mod linux {
     }
 }
 
+#[cfg(not(target_os = "linux"))]
+use crate::ui::WindowError;
+
 /// Elsewhere there is one display.
 #[cfg(not(target_os = "linux"))]
-pub(super) fn force_x11() -> Result<bool, String> {
+pub(super) fn force_x11() -> Result<bool, WindowError> {
     Ok(false)
 }

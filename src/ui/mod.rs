@@ -1,151 +1,94 @@
-//! The window: draws the state, hears keys and pads, and returns commands.
+//! The window: draws the [`State`] of the application and turns clicks, keys and pads into commands.
 //!
-//! Panels are functions of the state that push [`Command`]s; the app carries them out after the frame, and
-//! `App::record` is the only place where the session changes. Nothing here touches a file or starts a thread.
+//! Panels are functions of the state that push commands; the window passes them to the
+//! [`App`], what workers report as well, and carries out its effects. Nothing here decides, computes, or
+//! touches a file; what is remembered from one start to the next (colors, keys) is in `settings`.
 
-mod act;
-mod answer;
-mod beside;
-mod choosing;
 mod command;
-mod crew;
+mod deploy;
 mod dialog;
-mod elsewhere;
 mod display;
-mod errands;
-mod foretelling;
-mod hear;
+mod dream;
 mod input;
-mod keys;
-mod labeling;
-mod opening;
-mod pace;
-mod pads;
-mod panels;
-mod playhead;
-mod preferences;
-mod pressing;
-mod recent;
-mod rebind;
-mod review;
-mod router;
-mod seen;
-mod sessions;
-mod shelf;
-mod state;
-mod thumbnails;
-mod toasts;
+mod label;
+mod layout;
+mod rail;
+mod record;
+mod reward;
+mod session;
+mod settings;
+mod status;
 mod tokens;
-mod trajectories;
 mod widgets;
-mod written;
+mod world_model;
 
-use std::path::{Path, PathBuf};
-use std::sync::Arc;
-use std::sync::mpsc::Receiver;
-use std::time::Duration;
+use std::ops::Deref;
+use std::time::{Duration, Instant};
 
-use eframe::egui::{self, Context, ViewportBuilder};
+use eframe::egui::{self, Context, ViewportBuilder, ViewportCommand};
 use eframe::{CreationContext, wgpu};
 
-use crate::query::QueryId;
-use crate::session::{LoadedSession, SessionStore};
-use crate::tensor::Parameters;
-use crate::worker::{Job, Report, Reports};
+use crate::app::{App, Command, DreamCommand, Effect, Moment, Panel, Startup, State, Tick, WindowCommand};
+use crate::env::Action;
+use crate::env::controls::Pad;
+use crate::session::now;
+use crate::worker::{LiveAction, Workers};
 
-pub use choosing::Asking;
-pub use command::{Command, Field, Panel};
-pub use crew::{Crew, Order, Plans, Slots, Threads};
-pub use dialog::Purpose;
-pub use elsewhere::Elsewhere;
 pub use input::{Gilrs, InputSource, NoPads, PadButton, PadEvent, system_pads};
-pub use keys::{Deed, Keys};
-pub use pace::Budget;
-pub use preferences::{Preferences, Problem, SettingsFile, settings_file};
-pub use state::{DreamStart, LoadedWorld};
+pub use settings::keymap::{KeyAction, Keys};
+pub use settings::preferences::{Preferences, Problem, SettingsFile, settings_file};
 
+use command::{Commands, UiCommand};
 use dialog::Dialog;
-use elsewhere::Watching;
-use errands::Errand;
-use hear::Focus;
-use input::Hands;
-use opening::{Opening, Reading};
-use preferences::Leftover;
-use recent::Looking;
-use seen::{Picture, Typing};
-use state::{State, World};
+use input::Input;
+use settings::preferences::Leftover;
+use settings::{Settings, SettingsCommand};
 
-/// Makes a world model out of a file, or says in a sentence why it cannot.
-pub type Load = Arc<dyn Fn(&Path) -> Result<LoadedWorld, String> + Send + Sync>;
+/// Starts the workers; what it is given draws the window again, and is called after every report.
+pub type SpawnWorkers = Box<dyn FnOnce(Wake) -> Box<dyn Workers>>;
 
-/// Starts the workers, which send their reports where they are told.
-pub type Hire = Box<dyn FnOnce(&Reports, Option<&Parameters>) -> Box<dyn Crew>>;
-
-/// The world model that a window begins with.
-pub enum FirstWorld {
-    /// It is here, or it is known why there is none.
-    Here(Result<LoadedWorld, String>),
-    /// It is in this file, and is read while the window opens.
-    In(PathBuf),
-}
+/// Draws the window again.
+pub type Wake = Box<dyn Fn() + Send + Sync>;
 
 /// What a window begins with.
-pub struct Startup {
-    /// The environment that it is about, as on the command line.
-    pub env: String,
-    /// The folder of sessions.
-    pub sessions: PathBuf,
-    /// The folder of recordings.
-    pub dataset: PathBuf,
-    /// The world model.
-    pub world: FirstWorld,
-    /// The session to go on with; without one, a new one begins with the first dream.
-    pub session: Option<SessionStore>,
-    /// How other world models are loaded.
-    pub load: Load,
-    /// Who does the slow work.
-    pub hire: Hire,
+pub struct WindowStartup {
+    /// What the application begins with.
+    pub app: Startup,
+    /// Starts those who do the slow work.
+    pub workers: SpawnWorkers,
     /// Where pads are read.
     pub input: Box<dyn InputSource>,
 }
 
-/// The window's application.
-pub struct App {
-    state: State,
-    crew: Box<dyn Crew>,
-    slots: Slots,
-    inbox: Receiver<Report>,
-    input: Box<dyn InputSource>,
-    hands: Hands,
-    /// Keys that were struck faster than the window draws.
-    typing: Typing,
-    focus: Focus,
+/// The window.
+pub struct Window {
+    app: App,
+    settings: Settings,
+    workers: Box<dyn Workers>,
+    /// What is held on keys and pads now.
+    action: LiveAction,
+    input: Input,
+    /// The picture that somebody had seen who does what is taken in now.
+    seen: Moment,
     /// What was in the way when settings were read.
     leftover: Leftover,
-    load: Load,
-    /// A world model that is being read.
-    loading: Option<Job<Result<LoadedWorld, String>>>,
-    /// A session that is being read.
-    opening: Option<Opening>,
-    /// The reading of one that nobody wants any more, until it has ended.
-    abandoned: Option<Reading>,
-    /// The list of sessions that is being read.
-    looking: Option<Looking>,
-    /// The session to go on with once the world model is there, and where to.
-    waiting: Option<(LoadedSession, Option<Panel>)>,
-    /// Reports that were not yet heard when others were thrown away.
-    unheard: Vec<Report>,
-    sessions: PathBuf,
     dialog: Option<Dialog>,
-    /// Who looks at where the session is while nothing is drawn.
-    watching: Option<Watching>,
-    /// Work on files that somebody waits for.
-    errand: Option<Errand>,
-    next_toast: u64,
-    /// Draws the window again when something is done.
-    waker: Context,
     /// The least time between two pictures of the window.
     pace: Duration,
+}
+
+/// What panels read.
+pub(crate) struct View<'a> {
+    state: &'a State,
+    pub settings: &'a Settings,
+}
+
+impl Deref for View<'_> {
+    type Target = State;
+
+    fn deref(&self) -> &State {
+        self.state
+    }
 }
 
 /// The name under which the system knows the program, and keeps its settings.
@@ -154,9 +97,9 @@ const NAME: &str = "dropj";
 /// What an event loop is made by.
 type EventLoop = eframe::EventLoopBuilder<eframe::UserEvent>;
 
-/// Opens the window, says these `notices` in it, and stays until it is closed; what prevents that is one sentence.
-pub fn run(startup: Startup, notices: Vec<String>) -> Result<(), String> {
-    let is_x11_forced = display::force_x11().map_err(|met| no_window(&met))?;
+/// Opens the window, says these `notices` in it, and stays until it is closed; or says what prevents that.
+pub fn run(startup: WindowStartup, notices: Vec<String>) -> Result<(), WindowError> {
+    let is_x11_forced = display::force_x11()?;
     let viewport = ViewportBuilder::default()
         .with_title(NAME)
         .with_app_id(NAME)
@@ -168,13 +111,13 @@ pub fn run(startup: Startup, notices: Vec<String>) -> Result<(), String> {
     }
     let create =
         |cc: &CreationContext<'_>| -> Result<Box<dyn eframe::App>, Box<dyn std::error::Error + Send + Sync>> {
-            let mut app = App::new(cc, startup);
+            let mut window = Window::new(cc, startup);
             for notice in notices {
-                app.fail(notice);
+                window.command(WindowCommand::Fail(notice));
             }
-            Ok(Box::new(app))
+            Ok(Box::new(window))
         };
-    eframe::run_native(NAME, options, Box::new(create)).map_err(|e| sentence(&e))
+    eframe::run_native(NAME, options, Box::new(create)).map_err(WindowError::from)
 }
 
 #[cfg(target_os = "linux")]
@@ -186,6 +129,27 @@ fn open_on_x11(builder: &mut EventLoop) {
 #[cfg(not(target_os = "linux"))]
 fn open_on_x11(_: &mut EventLoop) {}
 
+/// Why there is no window.
+#[derive(Debug, thiserror::Error)]
+pub enum WindowError {
+    /// A Wayland display is named that does not answer, and no other is.
+    #[error("{}", no_window("WAYLAND_DISPLAY names a display that does not answer"))]
+    Wayland,
+    /// There is no display, or none that opens a window.
+    #[error("{}", no_window("no display answers (is DISPLAY or WAYLAND_DISPLAY set?)"))]
+    Display(eframe::Error),
+    /// Nobody draws it.
+    #[error("{}", no_window(NO_RENDERER))]
+    Renderer(eframe::Error),
+    /// The program in it did not begin.
+    #[error("{}", no_window(&.0.to_string()))]
+    Creation(eframe::Error),
+}
+
+/// What is missing where nobody can draw a window.
+const NO_RENDERER: &str = "there is neither a graphics card nor a software renderer to draw it (on Debian \
+                           and Ubuntu `apt install mesa-vulkan-drivers` brings one)";
+
 /// What to tell somebody who has no window, and why.
 fn no_window(why: &str) -> String {
     format!(
@@ -193,26 +157,20 @@ fn no_window(why: &str) -> String {
     )
 }
 
-/// What to tell somebody whose window did not open.
-fn sentence(error: &eframe::Error) -> String {
-    log::info!("no window: {error}");
-    let why = match error {
-        eframe::Error::Winit(_) | eframe::Error::WinitEventLoop(_) => {
-            "no display answers (is DISPLAY or WAYLAND_DISPLAY set?)".to_owned()
+impl From<eframe::Error> for WindowError {
+    fn from(error: eframe::Error) -> Self {
+        log::info!("no window: {error}");
+        match error {
+            eframe::Error::Winit(_) | eframe::Error::WinitEventLoop(_) => Self::Display(error),
+            eframe::Error::Wgpu(_) => Self::Renderer(error),
+            eframe::Error::AppCreation(_) => Self::Creation(error),
         }
-        eframe::Error::Wgpu(_) => {
-            "there is neither a graphics card nor a software renderer to draw it (on Debian \
-                                   and Ubuntu `apt install mesa-vulkan-drivers` brings one)"
-                .to_owned()
-        }
-        eframe::Error::AppCreation(_) => error.to_string(),
-    };
-    no_window(&why)
+    }
 }
 
-impl App {
-    /// The application in a window, or in a test without one.
-    pub fn new(cc: &CreationContext<'_>, startup: Startup) -> Self {
+impl Window {
+    /// The window, or what would be one in a test without a screen.
+    pub fn new(cc: &CreationContext<'_>, startup: WindowStartup) -> Self {
         let ctx = &cc.egui_ctx;
         tokens::install(ctx);
         ctx.options_mut(|options| options.fallback_theme = egui::Theme::Dark);
@@ -220,97 +178,203 @@ impl App {
         // Software paints a whole window in a tenth of a second: left alone it would starve the models.
         let pace = Duration::from_millis(if is_software { 50 } else { 8 });
         let waker = ctx.clone();
-        let (reports, inbox) = Reports::new(move || waker.request_repaint_after(pace));
-        let parameters = match &startup.world {
-            FirstWorld::Here(Ok(world)) => Some(&world.parameters),
-            _ => None,
-        };
-        let crew = (startup.hire)(&reports, parameters);
-        let mut app = Self {
-            state: State { adapter, env: startup.env, ..State::default() },
-            slots: crew.slots(),
-            crew,
-            inbox,
-            input: startup.input,
-            hands: Hands::default(),
-            typing: Typing::default(),
-            focus: Focus::default(),
+        let workers = (startup.workers)(Box::new(move || waker.request_repaint_after(pace)));
+        let mut window = Self {
+            app: App::new(startup.app),
+            settings: Settings::new(adapter),
+            action: workers.action(),
+            workers,
+            input: Input::new(startup.input),
+            seen: Moment::default(),
             leftover: Leftover::default(),
-            load: startup.load,
-            loading: None,
-            opening: None,
-            abandoned: None,
-            looking: None,
-            waiting: None,
-            waker: ctx.clone(),
-            unheard: Vec::new(),
-            sessions: startup.sessions,
             dialog: None,
-            watching: None,
-            errand: None,
-            next_toast: 0,
             pace,
         };
-        app.load_preferences(ctx, cc.storage);
-        app.begin(ctx, startup.dataset, startup.world, startup.session);
-        app
+        for command in window.leftover.load(ctx, cc.storage, &mut window.settings) {
+            window.app.command(command, Moment::default());
+        }
+        window.settle(ctx);
+        window
     }
 
-    fn begin(&mut self, ctx: &Context, dataset: PathBuf, world: FirstWorld, session: Option<SessionStore>) {
-        let out = dataset.with_added_extension("safetensors");
-        let fields = &mut self.state.fields;
-        fields.insert(Field::Dataset, dataset.display().to_string());
-        fields.insert(Field::ModelOut, out.display().to_string());
-        fields.insert(Field::RecordSeed, "1".to_owned());
-        fields.insert(Field::DeploySeed, "1".to_owned());
-        fields.insert(Field::Session, self.sessions.display().to_string());
-        match session {
-            Some(store) => self.read_session(store),
-            None => self.look_for_place(),
-        }
-        match world {
-            FirstWorld::In(path) => self.load_world(ctx, path),
-            FirstWorld::Here(Ok(world)) => {
-                self.state.world = World::of(ctx, world, &mut self.state.dream);
-            }
-            FirstWorld::Here(Err(sentence)) => {
-                self.state.panel = Panel::World;
-                self.fail(sentence);
-            }
-        }
-    }
-
-    /// What is seen and said now: for tests.
-    pub fn panel(&self) -> Panel {
-        self.state.panel
+    /// The application in the window.
+    pub fn app(&self) -> &App {
+        &self.app
     }
 
     /// Which keys do what: for tests.
     pub fn keys(&self) -> &Keys {
-        &self.state.keys
+        &self.settings.keys
     }
 
-    /// The query whose clips are on the screen: for tests and benches.
-    pub fn shown(&self) -> Option<QueryId> {
-        self.state.label.shown.map(|shown| shown.query)
+    fn command(&mut self, command: WindowCommand) {
+        self.app.command(Command::Window(command), self.seen);
     }
 
-    /// Whether they were there for long enough that an answer is taken: for tests and benches.
-    pub fn is_answerable(&self) -> bool {
-        let State { picture, label, .. } = &self.state;
-        let next = Picture { nr: picture.nr + 1, at: picture.at };
-        label.shown.is_some_and(|shown| shown.is_seen(next))
+    /// Takes in what keys and pads did since the last picture, and says what passes with this one.
+    ///
+    /// Without the focus nothing is received but what is plugged in and out: nobody's hands are here.
+    fn receive_input(&mut self, ctx: &Context) -> Tick {
+        let (moment, is_new) = self.input.begin_picture(ctx);
+        let is_leaving = self.input.follow_focus(ctx, is_new);
+        let events = self.input.poll();
+        let has_left = self.input.has_left();
+        let is_writing = ctx.text_edit_focused();
+        let is_pressed = |event: &PadEvent| matches!(event, PadEvent::Took(_) | PadEvent::Pressed(_));
+        let is_touched = ctx.input(|input| !input.events.is_empty()) || events.iter().any(is_pressed);
+        let tick = Tick {
+            moment,
+            dt: f64::from(ctx.input(|input| input.stable_dt)),
+            date: now(),
+            has_focus: ctx.input(|input| input.focused),
+            is_touched: is_touched && !has_left,
+        };
+        self.app.tick(tick);
+        self.seen = moment;
+        if is_leaving {
+            self.command(WindowCommand::PauseDriving("Paused, for the window lost the focus"));
+        }
+        for event in events {
+            self.receive_pad(ctx, event, is_writing);
+        }
+        let state = self.app.state();
+        let is_driving = state.is_driving() && !state.is_covered() && !is_writing && !has_left;
+        // Where nothing is drawn, the events are those of the last picture still.
+        if is_new {
+            self.seen = self.input.receive_keys(ctx, &self.settings.keys, moment, is_driving);
+        }
+        self.settings.pad = self.input.held.pad();
+        if state.is_driving() {
+            let held = self.input.held.action(&self.settings.controls);
+            let action = if is_driving { held } else { Action::default() };
+            self.app.command(Command::Dream(DreamCommand::Act(action)), moment);
+            self.action.put((action, Instant::now()));
+        }
+        tick
     }
 
-    /// How many of the queries that come next are ready to be shown, one after the other: for tests and benches.
-    pub fn n_ready(&self) -> usize {
-        let pairs = &self.state.label.pairs;
-        self.state.upcoming().iter().take_while(|query| pairs.contains_key(&query.id)).count()
+    /// Takes in what a pad did.
+    fn receive_pad(&mut self, ctx: &Context, event: PadEvent, is_writing: bool) {
+        let settings = &mut self.settings;
+        match event {
+            PadEvent::Connected(name) => {
+                if !settings.pads.contains(&name) {
+                    settings.pads.push(name.clone());
+                }
+                self.command(WindowCommand::Note(format!("{name} is plugged in")));
+            }
+            PadEvent::Took(name) => {
+                if settings.pad_in_use.replace(name.clone()).is_some_and(|former| former != name) {
+                    self.command(WindowCommand::Note(format!("{name} has the wheel now")));
+                }
+            }
+            PadEvent::Disconnected(name) => self.unplugged(&name),
+            PadEvent::Moved(pad) => self.input.held.hold(pad),
+            PadEvent::Pressed(_) if self.input.has_left() => {}
+            PadEvent::Pressed(button) => {
+                let state = View { state: self.app.state(), settings: &self.settings };
+                let command = match self.settings.rebinding_button {
+                    Some(key_action) => {
+                        Some(UiCommand::Settings(SettingsCommand::BindButton(key_action, button)))
+                    }
+                    None if state.is_covered() || is_writing => None,
+                    None => input::pad_command(&state, button).map(UiCommand::App),
+                };
+                if let Some(command) = command {
+                    self.carry_out(ctx, command, self.seen);
+                }
+            }
+        }
     }
 
-    /// The session that is open: for tests.
-    pub fn session(&self) -> Option<&SessionStore> {
-        self.state.store.as_ref()
+    fn unplugged(&mut self, name: &str) {
+        let settings = &mut self.settings;
+        settings.pads.retain(|pad| pad != name);
+        if let Some(other) = settings.pad_in_use.as_ref().filter(|in_use| *in_use != name) {
+            let text = format!("{name} was unplugged, and {other} has the wheel still");
+            return self.command(WindowCommand::Note(text));
+        }
+        settings.pad_in_use = None;
+        self.input.held.hold(Pad::default());
+        let text = format!("{name} was unplugged: everything on it is let go, and the keys still drive");
+        self.command(WindowCommand::Warn(text));
+    }
+
+    fn receive_dialog(&mut self) {
+        let Some(chosen) = self.dialog.as_mut().and_then(Dialog::poll) else { return };
+        if let Some(Dialog { purpose, .. }) = self.dialog.take() {
+            self.command(WindowCommand::Chosen(purpose, chosen));
+        }
+    }
+
+    fn carry_out(&mut self, ctx: &Context, command: UiCommand, seen: Moment) {
+        match command {
+            UiCommand::App(command) => {
+                if command == Command::Window(WindowCommand::ToggleHelp) {
+                    self.settings.stop_rebinding();
+                }
+                self.app.command(command, seen);
+            }
+            UiCommand::Settings(command) => {
+                if self.settings.command(ctx, command) {
+                    self.input.held.release();
+                }
+            }
+        }
+    }
+
+    /// Carries out what the application wants done, and passes on what the workers report, until there is no more.
+    fn settle(&mut self, ctx: &Context) {
+        loop {
+            let effects = self.app.take_effects();
+            let is_quiet = effects.is_empty();
+            for effect in effects {
+                match effect {
+                    Effect::Worker(command) => self.workers.send(command),
+                    Effect::OpenDialog(purpose, at) => self.dialog = Some(Dialog::open(ctx, purpose, &at)),
+                    Effect::ReleaseControls => self.input.held.release(),
+                    Effect::KeepOpen => ctx.send_viewport_cmd(ViewportCommand::CancelClose),
+                }
+            }
+            let reports = self.workers.poll();
+            if is_quiet && reports.is_empty() {
+                return;
+            }
+            for report in reports {
+                self.app.report(report);
+            }
+        }
+    }
+
+    /// Has the window drawn again when something on it moves.
+    fn schedule(&self, ctx: &Context) {
+        let (state, pace) = (self.app.state(), self.pace);
+        let after = |wanted: Duration| ctx.request_repaint_after(pace.max(wanted));
+        if state.is_driving() {
+            after(Duration::from_millis(16));
+        }
+        let is_away = state.label.clock.is_away(state.now);
+        let shown = state.label.shown.filter(|_| state.panel == Panel::Label);
+        if shown.is_some_and(|shown| shown.is_becoming_seen(state.moment)) {
+            after(Duration::ZERO);
+        }
+        if shown.is_some() && !state.label.is_standing && !is_away {
+            after(Duration::from_secs_f64(0.5 / state.label.speed));
+        }
+        if state.review.head.is_playing || state.episodes.head.is_playing {
+            after(Duration::from_millis(20));
+        }
+        // Pads are read between two pictures, so there must be some; in software a picture costs too much for many.
+        if !self.settings.pads.is_empty() {
+            ctx.request_repaint_after(6 * pace);
+        }
+        if state.opening.is_some() {
+            after(Duration::from_millis(100));
+        }
+        let until = state.messages.iter().filter_map(|message| message.until).reduce(f64::min);
+        if let Some(until) = until {
+            ctx.request_repaint_after(Duration::from_secs_f64((until - state.now).max(0.05)));
+        }
     }
 }
 
@@ -325,47 +389,46 @@ fn adapter(cc: &CreationContext<'_>) -> (String, bool) {
     (said, is_software)
 }
 
-impl eframe::App for App {
+impl eframe::App for Window {
     fn logic(&mut self, ctx: &Context, _frame: &mut eframe::Frame) {
-        self.hear_hands(ctx);
-        self.hear_reports(ctx);
-        self.hear_slots(ctx);
-        self.hear_dialog(ctx);
-        self.hear_drops(ctx);
-        self.look_at_session(ctx);
-        self.hear_closing(ctx);
-        self.hear_errands(ctx);
-        self.hear_opener();
-        self.hear_looking();
-        self.hear_loader(ctx);
-        self.show_clips(ctx);
-        self.show_review(ctx);
-        self.show_shelf(ctx);
-        let now = self.state.now;
-        self.state.toasts.retain(|toast| toast.until.is_none_or(|until| until > now));
+        let tick = self.receive_input(ctx);
+        self.receive_dialog();
+        for file in ctx.input(|input| input.raw.dropped_files.clone()) {
+            self.command(WindowCommand::Drop(file.path().to_owned()));
+        }
+        if ctx.input(|input| input.viewport().close_requested()) {
+            self.command(WindowCommand::Close);
+        }
+        self.settle(ctx);
+        self.app.advance(tick);
+        self.settle(ctx);
         self.schedule(ctx);
     }
 
     fn ui(&mut self, ui: &mut egui::Ui, _frame: &mut eframe::Frame) {
-        input::set_live(ui.ctx(), !self.state.is_covered());
-        let mut commands = Vec::new();
-        panels::window_ui(ui, &self.state, &mut commands);
-        self.note_drawn();
+        let (state, settings) = (self.app.state(), &self.settings);
+        input::set_live(ui.ctx(), !state.is_covered());
+        let mut commands = Commands::default();
+        layout::window_ui(ui, &View { state, settings }, &mut commands);
+        widgets::clip::tidy_textures(ui.ctx());
+        self.app.drawn();
+        let commands = commands.take();
         if !commands.is_empty() {
             // What they change is seen in the next picture only.
             ui.ctx().request_repaint();
         }
         for command in commands {
-            self.act(ui.ctx(), command);
+            self.carry_out(ui.ctx(), command, self.seen);
         }
+        self.settle(ui.ctx());
     }
 
     fn save(&mut self, storage: &mut dyn eframe::Storage) {
-        self.save_preferences(storage);
+        self.leftover.save(storage, self.app.state(), &self.settings);
     }
 
     fn on_exit(&mut self) {
-        self.leave();
+        self.input.held.release();
     }
 }
 
@@ -377,7 +440,7 @@ mod tests {
 
     #[test]
     fn who_cannot_have_a_window_is_told_a_way_on() {
-        let said = sentence(&eframe::Error::Wgpu(WgpuError::NoSurfaceFormatsAvailable));
+        let said = WindowError::from(eframe::Error::Wgpu(WgpuError::NoSurfaceFormatsAvailable)).to_string();
         assert!(said.contains("mesa-vulkan-drivers") && said.contains("dropj --help"), "{said}");
     }
 }

@@ -1,4 +1,4 @@
-//! Fifty steps a second on an absolute schedule, hearing commands while it waits.
+//! Fifty steps a second on an absolute schedule, receiving commands while it waits.
 
 use std::collections::VecDeque;
 use std::sync::mpsc::{Receiver, RecvTimeoutError};
@@ -20,7 +20,7 @@ const MAX_DROPPED: usize = 4;
 #[derive(Debug, PartialEq)]
 pub(super) enum Beat<C> {
     /// A command came.
-    Heard(C),
+    Command(C),
     /// A step is due.
     Due,
     /// There will be no more commands.
@@ -59,12 +59,12 @@ impl Clock {
 
     /// Waits for a command or for the next step, whichever comes first; commands go before steps.
     pub(super) fn wait<C>(&self, commands: &Receiver<C>) -> Beat<C> {
-        let heard = match self.due {
+        let received = match self.due {
             Some(due) => commands.recv_timeout(due.saturating_duration_since(Instant::now())),
             None => commands.recv().map_err(|_| RecvTimeoutError::Disconnected),
         };
-        match heard {
-            Ok(command) => Beat::Heard(command),
+        match received {
+            Ok(command) => Beat::Command(command),
             Err(RecvTimeoutError::Timeout) => Beat::Due,
             Err(RecvTimeoutError::Disconnected) => Beat::Over,
         }
@@ -145,7 +145,7 @@ impl Allowance {
     }
 }
 
-/// What the driver's hands do at `now`: nothing, where they have not been heard of for a quarter of a second.
+/// What the driver's hands do at `now`: nothing, where nothing came from them for a quarter of a second.
 pub(super) fn held(action: &LiveAction, now: Instant) -> Action {
     match action.peek() {
         Some((action, given)) if now.saturating_duration_since(given) <= LET_GO_AFTER => action,
@@ -186,15 +186,15 @@ mod tests {
 
     #[test]
     fn commands_go_before_steps_and_the_end_before_both() {
-        let (commands, heard) = channel();
+        let (commands, received) = channel();
         let mut clock = Clock::default();
         let long_ago = Instant::now().checked_sub(STEP * 5).unwrap();
         clock.start(long_ago);
         commands.send("pause").unwrap();
-        assert_eq!(clock.wait(&heard), Beat::Heard("pause"));
-        assert_eq!(clock.wait(&heard), Beat::Due);
+        assert_eq!(clock.wait(&received), Beat::Command("pause"));
+        assert_eq!(clock.wait(&received), Beat::Due);
         drop(commands);
-        assert_eq!(clock.wait(&heard), Beat::Over);
+        assert_eq!(clock.wait(&received), Beat::Over);
     }
 
     #[test]
@@ -205,7 +205,7 @@ mod tests {
     }
 
     #[test]
-    fn hands_that_are_not_heard_of_let_go() {
+    fn hands_of_which_nothing_comes_let_go() {
         let (slot, now) = (Latest::default(), Instant::now());
         assert_eq!(held(&slot, now), Action::default());
         slot.put((Action::new(1.0, 0.5, 0.0), now));

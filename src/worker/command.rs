@@ -1,15 +1,49 @@
-//! What workers hear.
+//! What workers are told to do.
 
+use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::sync::Arc;
 
 use crate::dream::{DreamEpisode, Rows};
 use crate::planner::synthesis::Acquisition;
 use crate::query::{DreamId, JudgedTransition, Label, Query, QueryId, SegmentRef};
-use crate::session::DreamJournal;
+use crate::session::{DreamJournal, DreamSource, Event, Fit, Header, Session, SessionStore, UnfinishedDream};
 use crate::tensor::Parameters;
-use crate::worker::Beside;
-use crate::world_model::LatentState;
+use crate::worker::RolloutComparison;
+use crate::world_model::{LatentState, ModelIdentity};
+
+/// A command, and the worker that it is for.
+#[derive(Debug)]
+pub enum WorkerCommand {
+    /// Plays dreams.
+    Dreamer(DreamerCommand),
+    /// Decodes clips.
+    Clipper(ClipperCommand),
+    /// Looks for dreams that have left the world.
+    Screener(ScreenerCommand),
+    /// Synthesizes trajectories.
+    Synthesizer(SynthesizerCommand),
+    /// Learns the reward.
+    Trainer(TrainerCommand),
+    /// Drives the real car by plan.
+    Driver(DriverCommand),
+    /// Shows kept dreams, and what the reward says of them.
+    DreamInspector(DreamInspectorCommand),
+    /// Records.
+    Recorder(RecorderCommand),
+    /// Lists and shows recorded episodes.
+    EpisodeBrowser(EpisodeBrowserCommand),
+    /// Fits world models.
+    Modeler(ModelerCommand),
+    /// Keeps the session on disk.
+    SessionWriter(SessionWriterCommand),
+    /// Does single pieces of work on files.
+    Jobs(JobCommand),
+    /// All workers of the present session end, and what they were about to report is dropped.
+    EndSession,
+    /// The same, and those that need a world model begin anew with this one.
+    UseWorldModel(Parameters),
+}
 
 /// Plays dreams at 50 steps a second, each for [`MAX_STEPS`](crate::env::MAX_STEPS) at the most.
 #[derive(Debug)]
@@ -49,7 +83,7 @@ pub enum ClipperCommand {
     /// Decodes both segments of a query.
     Decode(Query),
     /// Decodes one picture of either segment, for a list.
-    Glance(Query),
+    DecodeThumbnails(Query),
 }
 
 /// Looks for signs that dreams have left the world behind.
@@ -87,11 +121,11 @@ pub enum TrainerCommand {
     /// Learns from an answer, or from another answer to the same query.
     Learn(Query, Label),
     /// Learns from a verdict on a transition, or from another verdict on the same.
-    Judge(JudgedTransition),
+    LearnVerdict(JudgedTransition),
     /// Forgets the answer to a query.
     Forget(QueryId),
-    /// Says how much the reward is of two minds about each of these pairs.
-    Weigh(Vec<[SegmentRef; 2]>),
+    /// Measures how much the members of the ensemble disagree about each of these pairs.
+    MeasureDisagreement(Vec<[SegmentRef; 2]>),
     /// Learns all answers anew, for they weigh differently.
     Relearn,
     /// Starts afresh and fits all answers to the end.
@@ -119,22 +153,22 @@ pub enum DriverCommand {
 
 /// Looks at kept dreams again.
 #[derive(Debug)]
-pub enum ReviewerCommand {
+pub enum DreamInspectorCommand {
     /// Knows a dream from now on.
     AddDream(DreamId, Arc<DreamEpisode>),
-    /// Judges by this reward from now on.
+    /// Evaluates by this reward from now on.
     Reward(Parameters),
-    /// Compares what the rewards to come say with what the present one says.
+    /// Compares what the rewards to come predict with what the present one predicts.
     Compare,
-    /// Draws this step, and judges the dream where that has not been done by the present reward.
-    Look {
+    /// Shows this step, and evaluates the dream where that has not been done by the present reward.
+    Show {
         /// Of which dream.
         dream: DreamId,
         /// Which step.
         step: usize,
     },
-    /// Says what the present reward thinks of both clips of a query.
-    Foretell(Query),
+    /// Predicts by the present reward which clip of a query is better.
+    Predict(Query),
 }
 
 /// Lets a person drive the real car and records it; an episode that the environment ends is kept.
@@ -154,7 +188,7 @@ pub enum RecorderCommand {
     /// Gives the wheel to the planner, or back.
     HandOver(bool),
     /// Dreams beside the real car, or no longer.
-    Beside(Option<Beside>),
+    CompareRollout(Option<RolloutComparison>),
     /// Stops the clock, or lets it go on.
     Pause(bool),
     /// Ends the episode and seals it.
@@ -163,8 +197,8 @@ pub enum RecorderCommand {
     Discard,
     /// Goes on with the episode in this dataset, with all that was driven so far.
     SaveIn(PathBuf),
-    /// Looks in this dataset for episodes that a killed program left behind, unless one is being driven.
-    Look(PathBuf),
+    /// Finds the episodes in this dataset that a killed program left behind, unless one is being driven.
+    FindUnfinished(PathBuf),
     /// Seals those, as far as they go.
     Recover(PathBuf),
     /// Throws them away.
@@ -173,7 +207,7 @@ pub enum RecorderCommand {
 
 /// Lists, opens and deletes recorded episodes, which are named by what they were recorded as.
 #[derive(Debug)]
-pub enum LibrarianCommand {
+pub enum EpisodeBrowserCommand {
     /// Lists the episodes of a `LeRobot` folder.
     List(PathBuf),
     /// Opens one of them, and draws its first step.
@@ -183,10 +217,10 @@ pub enum LibrarianCommand {
         /// Which.
         recording: String,
     },
-    /// Draws this step of it.
-    Look(usize),
-    /// Judges by this world model and reward from now on, or no longer.
-    Judge(Option<(Parameters, Parameters)>),
+    /// Shows this step of it.
+    Show(usize),
+    /// Evaluates by this world model and reward from now on, or no longer.
+    Evaluate(Option<(Parameters, Parameters)>),
     /// Forgets the one that is open.
     Close,
     /// Deletes one, and lists the others.
@@ -219,4 +253,174 @@ pub enum ModelerCommand {
     },
     /// Stops at the next update, which is reported as [`Report::Failed`](crate::worker::Report::Failed); it can be resumed.
     Stop,
+}
+
+/// Keeps the session that is open on disk, in the order of these commands.
+///
+/// Each event is forced to disk before it is reported as recorded: what is not reported has not happened.
+#[derive(Debug)]
+pub enum SessionWriterCommand {
+    /// Makes a session in a folder of its own below `sessions`.
+    Create {
+        /// The folder of sessions.
+        sessions: PathBuf,
+        /// Its head.
+        header: Header,
+    },
+    /// Writes into this session from now on.
+    Use(Box<SessionStore>),
+    /// Closes the session that is open.
+    Close,
+    /// Hands out the session that is open, so that it can be read anew.
+    Release,
+    /// Appends an event to the log.
+    Record {
+        /// What happened.
+        event: Event,
+        /// When, in milliseconds since 1970.
+        at: u64,
+    },
+    /// Keeps a dream: its file, then its event; its journal is removed after that.
+    SaveDream {
+        /// As it was driven or synthesized.
+        episode: DreamEpisode,
+        /// Who drove.
+        source: DreamSource,
+        /// What a synthesized trajectory was to be.
+        acquisition: Option<Acquisition>,
+        /// What held it until now.
+        journal: Option<DreamJournal>,
+    },
+    /// Keeps a reward and how it was learned.
+    SaveReward {
+        /// Its parameters.
+        parameters: Parameters,
+        /// How they were fitted.
+        fit: Fit,
+    },
+    /// Opens a journal for a dream that begins, or that goes on without one.
+    OpenJournal {
+        /// As far as it was driven.
+        episode: DreamEpisode,
+        /// Whether it is about to begin.
+        is_new: bool,
+    },
+    /// Removes the journal of a dream that is not kept.
+    DiscardJournal(DreamJournal),
+    /// Keeps the dreams that a killed program left behind: these, or those that are found where there are none.
+    Recover(Vec<UnfinishedDream>),
+    /// Throws them away.
+    DiscardUnfinished(Vec<UnfinishedDream>),
+    /// Writes down what could not be before, in its order.
+    TryAgain,
+    /// Takes back what happened last of what could not be written down.
+    ForgetLastUnsaved,
+    /// Lets go of all that could not be written down.
+    ForgetUnsaved,
+    /// Writes all of the session to `path`, in a folder of its own where there is something already, and goes on there.
+    SaveAs {
+        /// Where.
+        path: PathBuf,
+        /// The dreams that are in memory.
+        dreams: BTreeMap<DreamId, Arc<DreamEpisode>>,
+        /// The latest reward.
+        reward: Option<Parameters>,
+    },
+    /// Finds out whether sessions can be kept in this folder.
+    CheckFolder {
+        /// The folder of sessions.
+        sessions: PathBuf,
+        /// Why that is asked.
+        purpose: FolderCheck,
+    },
+    /// Proposes where what cannot be saved in its place could be: below this folder if it can be written, else at home.
+    ProposePlace {
+        /// The folder that would do best.
+        folder: PathBuf,
+        /// What a new folder in it is to be called; nothing where the folder itself is meant.
+        name: Option<String>,
+    },
+}
+
+/// Why it is asked whether sessions can be kept in a folder.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum FolderCheck {
+    /// The window has opened.
+    AtStart,
+    /// Somebody has chosen it for all sessions from here on.
+    Chosen,
+    /// It could not be written, and may be by now.
+    Again,
+}
+
+/// A single piece of work on files, done in a thread of its own.
+#[derive(Debug)]
+pub enum JobCommand {
+    /// Reads a world model.
+    LoadWorldModel(PathBuf),
+    /// Opens the session in a folder and reads what it holds; the one that was being opened before is given up.
+    OpenSession {
+        /// Its folder.
+        dir: PathBuf,
+        /// The world model that it must be of, if that is known.
+        model: Option<ModelIdentity>,
+    },
+    /// Reads what a session holds that is open already.
+    ReadSession(Box<SessionStore>),
+    /// Gives up the session that is being opened.
+    GiveUpOpening,
+    /// Lists the latest sessions in a folder, one after the other.
+    ListSessions {
+        /// The folder of sessions.
+        sessions: PathBuf,
+        /// The world model that is loaded, if one is.
+        model: Option<ModelIdentity>,
+    },
+    /// Lists them no longer.
+    StopListing,
+    /// Lists sessions that could be merged.
+    ListMergeable {
+        /// The folder of sessions.
+        sessions: PathBuf,
+        /// Folders that were named beside those.
+        added: Vec<PathBuf>,
+        /// The hash of the world model that they must be of, or nothing.
+        hash: String,
+        /// The world model that is loaded, if one is.
+        model: Option<ModelIdentity>,
+    },
+    /// Merges sessions into a new one below `sessions`.
+    Merge {
+        /// Their folders; weights are those of the first.
+        dirs: Vec<PathBuf>,
+        /// The folder of sessions.
+        sessions: PathBuf,
+    },
+    /// Makes a session of the same queries for another annotator.
+    HandOver {
+        /// The session's folder.
+        dir: PathBuf,
+        /// The folder of sessions.
+        sessions: PathBuf,
+        /// Who is to answer.
+        annotator: String,
+    },
+    /// Compares all who answered about the dreams of a session.
+    CompareAnnotators {
+        /// The session's folder.
+        dir: PathBuf,
+        /// Its state.
+        session: Box<Session>,
+        /// The folder of sessions.
+        sessions: PathBuf,
+    },
+    /// Looks at the recordings in a folder.
+    OpenRecordings {
+        /// The `LeRobot` folder.
+        dir: PathBuf,
+        /// The environment that they must be of.
+        env: String,
+    },
+    /// Finds out what was dropped on the window.
+    Identify(PathBuf),
 }

@@ -13,10 +13,14 @@ use crate::reward::LearnedReward;
 use crate::session::DreamJournal;
 use crate::tensor::Parameters;
 use crate::worker::clock::{Allowance, Beat, Clock, Rate, held};
-use crate::worker::{DreamerCommand, Latest, LiveAction, LiveView, Report, Reports, Worker, one_thread};
+use crate::worker::error::TaskError;
+use crate::worker::{
+    DreamReport, DreamerCommand, Latest, LiveAction, LiveView, Reports, Worker, WorkerError, WorkerName,
+    one_thread,
+};
 use crate::world_model::{LatentState, WorldModel};
 
-const NAME: &str = "dreamer";
+const NAME: WorkerName = WorkerName::Dreamer;
 
 /// Starts a thread that plays dreams of `model`, drives them by `action` or by plan, and shows them in `view`.
 pub fn spawn(
@@ -39,9 +43,9 @@ pub fn dream(
     planner: PlannerConfig,
     action: &LiveAction,
     view: &Latest<LiveView>,
-) -> Result<(), String> {
+) -> Result<(), WorkerError> {
     one_thread();
-    let model = WorldModel::load(model).map_err(|e| e.to_string())?;
+    let model = WorldModel::load(model)?;
     let mut dreamer = Dreamer {
         model,
         planner,
@@ -56,7 +60,7 @@ pub fn dream(
     };
     loop {
         match dreamer.clock.wait(commands) {
-            Beat::Heard(command) => dreamer.hear(command),
+            Beat::Command(command) => dreamer.handle(command),
             Beat::Due => dreamer.tick(),
             Beat::Over => return Ok(()),
         }
@@ -67,7 +71,7 @@ pub fn dream(
 struct Dreamer<'a> {
     model: WorldModel,
     planner: PlannerConfig,
-    /// What the planner likes, once something is learned.
+    /// What the planner maximizes, once something is learned.
     reward: Option<LearnedReward>,
     reports: &'a Reports,
     action: &'a LiveAction,
@@ -83,7 +87,7 @@ struct Live {
     dream: Dream,
     rng: ChaCha8Rng,
     journal: Option<DreamJournal>,
-    /// Whether the journal has refused a step, and has been told of; the next step may catch up.
+    /// Whether the journal has refused a step, and that was reported; the next step may catch up.
     is_journal_broken: bool,
     action: Action,
     /// Who drives where no person does.
@@ -91,7 +95,7 @@ struct Live {
 }
 
 impl Live {
-    /// Writes down what is new, and says where that fails for the first time.
+    /// Writes down what is new, and reports where that fails for the first time.
     fn note(&mut self, reports: &Reports) {
         let Some(journal) = self.journal.as_mut() else { return };
         match journal.follow(self.dream.episode()) {
@@ -99,14 +103,14 @@ impl Live {
             Err(_) if self.is_journal_broken => {}
             Err(e) => {
                 self.is_journal_broken = true;
-                reports.send(Report::Unjournaled(e.to_string()));
+                reports.send(DreamReport::Unjournaled(e.to_string()));
             }
         }
     }
 }
 
 impl Dreamer<'_> {
-    fn hear(&mut self, command: DreamerCommand) {
+    fn handle(&mut self, command: DreamerCommand) {
         match command {
             DreamerCommand::Start { start, seed, journal } => {
                 self.finish();
@@ -127,9 +131,9 @@ impl Dreamer<'_> {
                     live.note(self.reports);
                 }
             }
-            DreamerCommand::Reward(parameters) => self.like(&parameters),
+            DreamerCommand::Reward(parameters) => self.use_reward(&parameters),
             DreamerCommand::HandOver(is_over) => {
-                let config = self.plans().filter(|_| is_over);
+                let config = self.planner_config().filter(|_| is_over);
                 if let Some(live) = &mut self.live {
                     let seed = live.dream.episode().seed;
                     live.co_driver = config.map(|config| CoDriver::new(config, seed));
@@ -164,15 +168,15 @@ impl Dreamer<'_> {
     }
 
     /// Plans by this reward from the next plan on; by none where it cannot be used, rather than by one that is not meant.
-    fn like(&mut self, reward: &Parameters) {
+    fn use_reward(&mut self, reward: &Parameters) {
         self.reward = match LearnedReward::load(reward, self.model.identity()) {
             Ok(reward) => Some(reward),
             Err(e) => {
-                self.reports.fail(NAME, format!("the planner cannot drive by this reward: {e}"));
+                self.reports.fail(NAME, TaskError::NoPlanning(e));
                 None
             }
         };
-        let config = self.plans();
+        let config = self.planner_config();
         let Some(live) = &mut self.live else { return };
         match (config, &mut live.co_driver) {
             (Some(config), Some(co_driver)) => co_driver.plan_by(config),
@@ -182,7 +186,7 @@ impl Dreamer<'_> {
     }
 
     /// How the planner looks ahead by the reward that there is.
-    fn plans(&self) -> Option<PlannerConfig> {
+    fn planner_config(&self) -> Option<PlannerConfig> {
         let is_sparse = self.reward.as_ref()?.is_sparse();
         let config = self.planner.clone();
         Some(if is_sparse { config.for_transitions() } else { config })
@@ -219,7 +223,7 @@ impl Dreamer<'_> {
         };
         let planned = planned.unwrap_or_else(|met| {
             live.co_driver = None;
-            self.reports.fail(NAME, format!("the planner gives the wheel back: {met}"));
+            self.reports.fail(NAME, TaskError::PlannerEnded(met));
             None
         });
         live.action = planned.unwrap_or(hands);
@@ -230,7 +234,7 @@ impl Dreamer<'_> {
         };
         live.note(self.reports);
         if let Err(met) = stepped {
-            self.reports.fail(NAME, format!("the dream ends here, and what was dreamed is kept: {met}"));
+            self.reports.fail(NAME, TaskError::DreamEnded(met));
             return self.finish();
         }
         let is_long_enough = live.dream.episode().len() >= MAX_STEPS;
@@ -266,7 +270,7 @@ impl Dreamer<'_> {
     fn finish(&mut self) {
         self.clock.stop();
         if let Some(Live { dream, journal, .. }) = self.live.take() {
-            self.reports.send(Report::Dreamt { episode: dream.finish(), journal });
+            self.reports.send(DreamReport::Ended { episode: dream.finish(), journal });
         }
     }
 }
@@ -278,44 +282,46 @@ mod tests {
 
     use super::*;
     use crate::reward::{RewardConfig, RewardEnsemble, SparseConfig, SparseReward};
-    use crate::worker::toy;
+    use crate::worker::{Report, fixtures};
     use crate::world_model::State;
 
-    /// What comes of `commands`, all of them heard before the first step is due.
+    /// What comes of `commands`, all of them received before the first step is due.
     fn reports_of(commands: impl IntoIterator<Item = DreamerCommand>, action: &LiveAction) -> Vec<Report> {
-        let (sender, heard) = channel();
+        let (sender, received) = channel();
         commands.into_iter().for_each(|command| sender.send(command).unwrap());
         drop(sender);
         let (reports, inbox) = Reports::new(|| ());
-        let parameters = toy::model().parameters().clone();
-        dream(&heard, &reports, parameters, PlannerConfig::car_racing(), action, &Latest::default()).unwrap();
+        let parameters = fixtures::model().parameters().clone();
+        dream(&received, &reports, parameters, PlannerConfig::car_racing(), action, &Latest::default())
+            .unwrap();
         drop(reports);
-        inbox.into_iter().collect()
+        inbox.iter().collect()
     }
 
     #[test]
     fn a_dream_ends_where_numbers_end_and_what_was_dreamed_is_kept() {
-        let (sender, heard) = channel();
+        let (sender, received) = channel();
         sender.send(start(5)).unwrap();
         sender.send(DreamerCommand::Pause(true)).unwrap();
         (0..50).for_each(|_| sender.send(DreamerCommand::Step).unwrap());
         drop(sender);
         let (reports, inbox) = Reports::new(|| ());
-        let parameters = toy::exploding().parameters().clone();
+        let parameters = fixtures::exploding().parameters().clone();
         let action = Latest::default();
-        dream(&heard, &reports, parameters, PlannerConfig::car_racing(), &action, &Latest::default())
+        dream(&received, &reports, parameters, PlannerConfig::car_racing(), &action, &Latest::default())
             .unwrap();
         drop(reports);
-        let all: Vec<_> = inbox.into_iter().collect();
-        let [Report::Failed { message, .. }, Report::Dreamt { episode, .. }] = &all[..] else {
+        let all: Vec<_> = inbox.iter().collect();
+        let [Report::Failed(failure), Report::Dream(DreamReport::Ended { episode, .. })] = &all[..] else {
             panic!("{all:?}")
         };
+        let message = failure.error.to_string();
         assert!(message.contains(&format!("step {} of the dream", episode.len() + 1)), "{message}");
         assert!(episode.zs.values.iter().all(|z| z.is_finite()) && !message.contains("bug"), "{message}");
     }
 
     fn start(seed: u64) -> DreamerCommand {
-        DreamerCommand::Start { start: toy::start(), seed, journal: None }
+        DreamerCommand::Start { start: fixtures::start(), seed, journal: None }
     }
 
     #[test]
@@ -327,10 +333,12 @@ mod tests {
         let commands =
             [start(5), DreamerCommand::Pause(true)].into_iter().chain(steps).chain([DreamerCommand::Finish]);
         let reports = reports_of(commands, &action);
-        let [Report::Dreamt { episode, journal: None }] = &reports[..] else { panic!("{reports:?}") };
+        let [Report::Dream(DreamReport::Ended { episode, journal: None })] = &reports[..] else {
+            panic!("{reports:?}")
+        };
 
-        let (model, rng) = (toy::model(), &mut ChaCha8Rng::seed_from_u64(5));
-        let mut by_hand = Dream::new(&toy::start(), 5);
+        let (model, rng) = (fixtures::model(), &mut ChaCha8Rng::seed_from_u64(5));
+        let mut by_hand = Dream::new(&fixtures::start(), 5);
         (0..3).for_each(|_| by_hand.step(&model, Action::new(-1.0, 1.0, 0.0), rng).unwrap());
         assert_eq!(episode.unsafe_marks, [2]);
         assert_eq!((&episode.zs, &episode.actions), (&by_hand.episode().zs, &by_hand.episode().actions));
@@ -339,7 +347,7 @@ mod tests {
     /// A reward that has learned nothing.
     fn reward() -> DreamerCommand {
         let rng = &mut ChaCha8Rng::seed_from_u64(0);
-        let ensemble = RewardEnsemble::new(36, &toy::model().hash(), RewardConfig::tiny(), rng);
+        let ensemble = RewardEnsemble::new(36, &fixtures::model().hash(), RewardConfig::tiny(), rng);
         DreamerCommand::Reward(ensemble.parameters())
     }
 
@@ -350,7 +358,7 @@ mod tests {
         let rest = [DreamerCommand::HandOver(true), step(), step(), DreamerCommand::HandOver(false), step()];
         let commands = begin().into_iter().chain(rest).chain([DreamerCommand::Finish]);
         let reports = reports_of(commands, &Latest::default());
-        let [Report::Dreamt { episode, .. }] = &reports[..] else { panic!("{reports:?}") };
+        let [Report::Dream(DreamReport::Ended { episode, .. })] = &reports[..] else { panic!("{reports:?}") };
         assert_eq!((episode.len(), &episode.planned), (4, &vec![Range { start: 1, end: 3 }]));
         assert!(episode.actions[1].gas > 0.0, "every candidate gives gas");
         assert_eq!(episode.actions[3], Action::default());
@@ -359,7 +367,7 @@ mod tests {
         hands.put((Action::new(0.0, 1.0, 0.0), Instant::now() + Duration::from_secs(1000)));
         let rest = [DreamerCommand::HandOver(true), step(), step(), DreamerCommand::Finish];
         let reports = reports_of(begin().into_iter().chain(rest), &hands);
-        let [Report::Dreamt { episode, .. }] = &reports[..] else { panic!("{reports:?}") };
+        let [Report::Dream(DreamReport::Ended { episode, .. })] = &reports[..] else { panic!("{reports:?}") };
         assert_eq!(episode.n_planned(), 0, "hands are stronger");
     }
 
@@ -370,9 +378,9 @@ mod tests {
 
     #[test]
     fn a_reward_of_verdicts_drives_a_dream_and_looks_further_ahead() {
-        let sparse = verdicts(1, &toy::model().hash());
+        let sparse = verdicts(1, &fixtures::model().hash());
         let short = PlannerConfig::obstacle_car_racing();
-        let (sender, heard) = channel();
+        let (sender, received) = channel();
         for command in [
             DreamerCommand::Reward(sparse.parameters()),
             start(5),
@@ -385,30 +393,36 @@ mod tests {
         }
         drop(sender);
         let (reports, inbox) = Reports::new(|| ());
-        let parameters = toy::model().parameters().clone();
-        dream(&heard, &reports, parameters, short.clone(), &Latest::default(), &Latest::default()).unwrap();
+        let parameters = fixtures::model().parameters().clone();
+        dream(&received, &reports, parameters, short.clone(), &Latest::default(), &Latest::default())
+            .unwrap();
         drop(reports);
-        let reports: Vec<_> = inbox.into_iter().collect();
-        let [Report::Dreamt { episode, .. }] = &reports[..] else { panic!("{reports:?}") };
-        let state = State::from(&toy::start());
-        let by_hand =
-            CoDriver::new(short.for_transitions(), 5).act(&toy::model(), &sparse.for_inference(), &state);
+        let reports: Vec<_> = inbox.iter().collect();
+        let [Report::Dream(DreamReport::Ended { episode, .. })] = &reports[..] else { panic!("{reports:?}") };
+        let state = State::from(&fixtures::start());
+        let by_hand = CoDriver::new(short.for_transitions(), 5).act(
+            &fixtures::model(),
+            &sparse.for_inference(),
+            &state,
+        );
         assert_eq!((episode.n_planned(), episode.actions[0]), (1, by_hand.unwrap()));
     }
 
     #[test]
     fn a_reward_that_is_learned_meanwhile_is_planned_by_from_the_next_plan_on() {
-        let rewards = [1, 2].map(|seed| verdicts(seed, &toy::model().hash()));
+        let rewards = [1, 2].map(|seed| verdicts(seed, &fixtures::model().hash()));
         let learned = |i: usize| DreamerCommand::Reward(rewards[i].parameters());
         let begin = [learned(0), start(5), DreamerCommand::Pause(true), DreamerCommand::HandOver(true)];
         let step = || DreamerCommand::Step;
         let rest = [step(), step(), learned(1), step(), step(), step(), DreamerCommand::Finish];
         let reports = reports_of(begin.into_iter().chain(rest), &Latest::default());
-        let [Report::Dreamt { episode, .. }] = &reports[..] else { panic!("{reports:?}") };
+        let [Report::Dream(DreamReport::Ended { episode, .. })] = &reports[..] else { panic!("{reports:?}") };
 
-        let (model, rng) = (toy::model(), &mut ChaCha8Rng::seed_from_u64(5));
-        let (mut by_hand, mut driver) =
-            (Dream::new(&toy::start(), 5), CoDriver::new(PlannerConfig::car_racing().for_transitions(), 5));
+        let (model, rng) = (fixtures::model(), &mut ChaCha8Rng::seed_from_u64(5));
+        let (mut by_hand, mut driver) = (
+            Dream::new(&fixtures::start(), 5),
+            CoDriver::new(PlannerConfig::car_racing().for_transitions(), 5),
+        );
         for t in 0..5 {
             let reward = &rewards[usize::from(t >= 4)].for_inference();
             let action = driver.act(&model, reward, by_hand.state()).unwrap();
@@ -424,15 +438,17 @@ mod tests {
         let begin = [reward(), start(5), DreamerCommand::Pause(true), DreamerCommand::HandOver(true), step()];
         let rest = [other, step(), DreamerCommand::HandOver(true), step(), DreamerCommand::Finish];
         let reports = reports_of(begin.into_iter().chain(rest), &Latest::default());
-        let [Report::Failed { message, .. }, Report::Dreamt { episode, .. }] = &reports[..] else {
+        let [Report::Failed(failure), Report::Dream(DreamReport::Ended { episode, .. })] = &reports[..]
+        else {
             panic!("{reports:?}")
         };
+        let message = failure.error.to_string();
         assert!(message.contains("the planner cannot drive by this reward"), "{message}");
         assert_eq!((episode.len(), episode.n_planned()), (3, 1));
     }
 
     #[test]
-    fn a_discarded_dream_is_not_heard_of_again() {
+    fn a_discarded_dream_is_not_reported() {
         let reports =
             reports_of([start(0), DreamerCommand::Discard, DreamerCommand::Finish], &Latest::default());
         assert!(reports.is_empty(), "{reports:?}");
@@ -440,27 +456,27 @@ mod tests {
 
     #[cfg(unix)]
     #[test]
-    fn a_dream_whose_journal_is_gone_is_told_of_once_and_goes_on_in_another() {
+    fn a_dream_whose_journal_is_gone_is_reported_once_and_goes_on_in_another() {
         use crate::dream::DreamEpisode;
         use crate::query::Protocol;
         use crate::session::{DreamSource, Header, SessionStore};
 
         let (first, second) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
         let store = |dir: &std::path::Path| {
-            let header = Header::new("dummy-road", Protocol::Dropj, 1, &toy::model().hash(), 0);
+            let header = Header::new("dummy-road", Protocol::Dropj, 1, &fixtures::model().hash(), 0);
             SessionStore::create(&dir.join("s"), header).unwrap()
         };
         let (one, other) = (store(first.path()), store(second.path()));
-        let begun = DreamEpisode::new(toy::start(), 5);
+        let begun = DreamEpisode::new(fixtures::start(), 5);
         let journal = |store: &SessionStore| store.journal(&begun, DreamSource::User).unwrap();
         let (gone, kept) = (journal(&one), journal(&other));
         first.close().unwrap();
-        let start = DreamerCommand::Start { start: toy::start(), seed: 5, journal: Some(gone) };
+        let start = DreamerCommand::Start { start: fixtures::start(), seed: 5, journal: Some(gone) };
         let step = || DreamerCommand::Step;
         let commands =
             [start, DreamerCommand::Pause(true), step(), step(), DreamerCommand::Journal(kept), step()];
         let reports = reports_of(commands, &Latest::default());
-        let [Report::Unjournaled(why)] = &reports[..] else { panic!("{reports:?}") };
+        let [Report::Dream(DreamReport::Unjournaled(why))] = &reports[..] else { panic!("{reports:?}") };
         assert!(why.contains("was replaced, moved or changed"), "{why}");
         // The program ended before the dream did.
         let left = other.unfinished_dreams().unwrap();
@@ -470,7 +486,10 @@ mod tests {
     #[test]
     fn starting_again_ends_the_dream_before() {
         let reports = reports_of([start(1), start(2)], &Latest::default());
-        assert!(matches!(&reports[..], [Report::Dreamt { episode, .. }] if episode.seed == 1), "{reports:?}");
+        assert!(
+            matches!(&reports[..], [Report::Dream(DreamReport::Ended { episode, .. })] if episode.seed == 1),
+            "{reports:?}"
+        );
     }
 
     #[test]
@@ -478,14 +497,16 @@ mod tests {
         let steps = (0..MAX_STEPS + 5).map(|_| DreamerCommand::Step);
         let reports =
             reports_of([start(1), DreamerCommand::Pause(true)].into_iter().chain(steps), &Latest::default());
-        assert!(matches!(&reports[..], [Report::Dreamt { episode, .. }] if episode.len() == 1000));
+        assert!(
+            matches!(&reports[..], [Report::Dream(DreamReport::Ended { episode, .. })] if episode.len() == 1000)
+        );
     }
 
     #[test]
     fn a_living_dream_is_shown_and_ends_with_its_worker() {
         let (reports, inbox) = Reports::new(|| ());
         let view = Latest::default();
-        let parameters = toy::model().parameters().clone();
+        let parameters = fixtures::model().parameters().clone();
         let planner = PlannerConfig::car_racing();
         let dreamer = spawn(parameters, planner, Latest::default(), view.clone(), &reports);
         dreamer.send(start(3));

@@ -1,4 +1,4 @@
-//! Lets the planner drive the real car, and shows what it thought of.
+//! Lets the planner drive the real car, and shows the plans that it considered.
 
 use std::sync::Arc;
 use std::sync::mpsc::Receiver;
@@ -10,15 +10,15 @@ use crate::planner::{Agent, PlannerConfig};
 use crate::reward::LearnedReward;
 use crate::tensor::{NotFinite, Parameters};
 use crate::worker::clock::{Allowance, Beat, Clock};
-use crate::worker::gallery::Gallery;
+use crate::worker::error::TaskError;
+use crate::worker::plan_view::PlanDrawing;
 use crate::worker::{
-    CandidateView, DriveView, DriverCommand, Latest, PICTURE, Report, Reports, Worker, one_thread, picture,
+    CandidateView, DeployReport, DriveView, DriverCommand, Latest, PICTURE, Reports, Worker, WorkerError,
+    WorkerName, one_thread, picture,
 };
 use crate::world_model::WorldModel;
 
-const NAME: &str = "driver";
-/// How it is said that an episode has ended for which there are no figures.
-pub const GAVE_UP: &str = "the drive ended";
+const NAME: WorkerName = WorkerName::Driver;
 
 /// Starts a thread that drives `env` by planning in `model`, and shows it in `view`.
 pub fn spawn(
@@ -41,9 +41,9 @@ pub fn drive(
     model: Parameters,
     config: PlannerConfig,
     view: &Latest<DriveView>,
-) -> Result<(), String> {
+) -> Result<(), WorkerError> {
     one_thread();
-    let model = WorldModel::load(model).map_err(|e| e.to_string())?;
+    let model = WorldModel::load(model)?;
     let mut driver = Driver {
         env,
         model,
@@ -57,7 +57,7 @@ pub fn drive(
     };
     loop {
         match driver.clock.wait(commands) {
-            Beat::Heard(command) => driver.hear(command),
+            Beat::Command(command) => driver.handle(command),
             Beat::Due => driver.tick(),
             Beat::Over => return Ok(()),
         }
@@ -86,7 +86,7 @@ struct Episode {
     n_steps: usize,
     plan_ms: f32,
     /// The plan that is being drawn.
-    drawing: Option<Gallery>,
+    drawing: Option<PlanDrawing>,
     allowance: Allowance,
     /// The plan that was drawn last.
     candidates: Arc<[CandidateView]>,
@@ -94,7 +94,7 @@ struct Episode {
 }
 
 impl Driver<'_> {
-    fn hear(&mut self, command: DriverCommand) {
+    fn handle(&mut self, command: DriverCommand) {
         match command {
             DriverCommand::Reward(parameters) => {
                 match LearnedReward::load(&parameters, self.model.identity()) {
@@ -154,7 +154,7 @@ impl Driver<'_> {
         if let Some(plan) = plan {
             // Drawing takes longer than four steps: of the plans made meanwhile nothing is shown.
             if episode.drawing.is_none() && self.view.is_empty() {
-                episode.drawing = Some(Gallery::new(plan.clone()));
+                episode.drawing = Some(PlanDrawing::new(plan.clone()));
             }
         }
         episode.plan_ms = plan_secs.map_or(episode.plan_ms, |secs| (secs * 1000.0) as f32);
@@ -172,15 +172,15 @@ impl Driver<'_> {
     /// Draws candidates while there is time.
     fn draw(&mut self) {
         let Some(episode) = &mut self.episode else { return };
-        let Some(mut gallery) = episode.drawing.take() else { return };
-        while !gallery.is_done() {
+        let Some(mut drawing) = episode.drawing.take() else { return };
+        while !drawing.is_done() {
             let left = self.clock.time_left(Instant::now());
-            if episode.allowance.spend(left, || gallery.draw_next(&self.model)).is_none() {
-                episode.drawing = Some(gallery);
+            if episode.allowance.spend(left, || drawing.draw_next(&self.model)).is_none() {
+                episode.drawing = Some(drawing);
                 return;
             }
         }
-        (episode.candidates, episode.chosen) = gallery.finish();
+        (episode.candidates, episode.chosen) = drawing.finish();
     }
 
     fn show(&self) {
@@ -201,15 +201,15 @@ impl Driver<'_> {
     /// Ends an episode in which nothing can be planned; its figures would be none.
     fn give_up(&mut self, met: NotFinite) {
         self.clock.stop();
-        if let Some(Episode { n_steps, .. }) = self.episode.take() {
-            self.reports.fail(NAME, format!("{GAVE_UP} at step {n_steps}: {met}"));
+        if let Some(Episode { n_steps: step, .. }) = self.episode.take() {
+            self.reports.fail(NAME, WorkerError::from(TaskError::DriveEnded { step, met }).gave_up());
         }
     }
 
     fn finish(&mut self) {
         self.clock.stop();
         if let Some(Episode { seed, tally, .. }) = self.episode.take() {
-            self.reports.send(Report::Drove { seed, metrics: tally.metrics() });
+            self.reports.send(DeployReport::Ended { seed, metrics: tally.metrics() });
         }
     }
 }
@@ -223,7 +223,8 @@ mod tests {
 
     use super::*;
     use crate::reward::{RewardConfig, RewardEnsemble};
-    use crate::worker::toy::{self, Wall};
+    use crate::worker::Report;
+    use crate::worker::fixtures::{self, Wall};
 
     /// A reward that has learned nothing, over the features of the model with hash `world`.
     fn reward(world: &str) -> DriverCommand {
@@ -232,24 +233,27 @@ mod tests {
     }
 
     fn driver(len: usize, view: &Latest<DriveView>, reports: &Reports) -> Worker<DriverCommand> {
-        let model = toy::model().parameters().clone();
+        let model = fixtures::model().parameters().clone();
         spawn(Box::new(Wall::new(len)), model, PlannerConfig::car_racing(), view.clone(), reports)
     }
 
     #[test]
     fn an_episode_in_which_nothing_can_be_planned_ends_without_figures() {
         let (reports, inbox) = Reports::new(|| ());
-        let model = toy::exploding();
+        let model = fixtures::exploding();
         let config = PlannerConfig::car_racing();
         let hash = model.hash();
         let wall = Box::new(Wall::new(60));
         let driver = spawn(wall, model.parameters().clone(), config, Latest::default(), &reports);
         driver.send(reward(&hash));
         driver.send(DriverCommand::Drive { seed: 3 });
-        let Report::Failed { message, .. } = inbox.recv().unwrap() else { panic!("another report") };
-        assert!(message.starts_with(GAVE_UP) && message.contains("NaN"), "{message}");
+        let Report::Failed(failure) = inbox.recv().unwrap() else { panic!("another report") };
+        let WorkerError::GaveUp(error) = failure.error else { panic!("{failure:?}") };
+        let message = error.to_string();
+        assert!(message.starts_with("the drive ended at step ") && message.contains("NaN"), "{message}");
         drop(driver);
-        assert!(inbox.try_iter().all(|report| !matches!(report, Report::Drove { .. })), "there are none");
+        let has_ended = |report| matches!(report, Report::Deploy(DeployReport::Ended { .. }));
+        assert!(!inbox.try_iter().any(has_ended), "there are none");
     }
 
     #[test]
@@ -257,8 +261,10 @@ mod tests {
         let (reports, inbox) = Reports::new(|| ());
         let driver = driver(6, &Latest::default(), &reports);
         driver.send(DriverCommand::Drive { seed: 11 });
-        driver.send(reward(&toy::model().hash()));
-        let Report::Drove { seed: 11, metrics } = inbox.recv().unwrap() else { panic!("another report") };
+        driver.send(reward(&fixtures::model().hash()));
+        let Report::Deploy(DeployReport::Ended { seed: 11, metrics }) = inbox.recv().unwrap() else {
+            panic!("another report")
+        };
         assert_eq!(metrics.n_steps, 6);
     }
 
@@ -267,7 +273,7 @@ mod tests {
         let (reports, _inbox) = Reports::new(|| ());
         let view = Latest::default();
         let driver = driver(1_000_000, &view, &reports);
-        driver.send(reward(&toy::model().hash()));
+        driver.send(reward(&fixtures::model().hash()));
         driver.send(DriverCommand::Drive { seed: 0 });
         let seen = loop {
             match view.take() {
@@ -284,16 +290,16 @@ mod tests {
 
     #[test]
     fn a_reward_of_another_world_and_a_stopped_episode_drive_nothing() {
-        let (commands, heard) = channel();
-        let good = reward(&toy::model().hash());
+        let (commands, received) = channel();
+        let good = reward(&fixtures::model().hash());
         for command in [reward("sha256:0"), DriverCommand::Drive { seed: 0 }, DriverCommand::Stop, good] {
             commands.send(command).unwrap();
         }
         drop(commands);
         let (reports, inbox) = Reports::new(|| ());
-        let model = toy::model().parameters().clone();
+        let model = fixtures::model().parameters().clone();
         drive(
-            &heard,
+            &received,
             &reports,
             Box::new(Wall::new(1)),
             model,
@@ -302,7 +308,8 @@ mod tests {
         )
         .unwrap();
         drop(reports);
-        let reports: Vec<_> = inbox.into_iter().collect();
-        assert!(matches!(&reports[..], [Report::Failed { worker: "driver", .. }]), "{reports:?}");
+        let reports: Vec<_> = inbox.iter().collect();
+        let [Report::Failed(failure)] = &reports[..] else { panic!("{reports:?}") };
+        assert_eq!(failure.worker, WorkerName::Driver);
     }
 }

@@ -1,31 +1,39 @@
-//! Threads: every slow part runs in a named one of its own, hears commands and sends reports.
+//! Threads: every slow part runs in a named one of its own, receives commands and sends reports.
 //!
 //! The only module that starts a thread. A worker owns its models and shares nothing: what crosses a channel is plain
-//! data, and networks travel as [`Parameters`](crate::tensor::Parameters). Only the live picture and the live action go through [`Latest`] slots.
+//! data, and networks travel as [`Parameters`](crate::tensor::Parameters). Only live pictures and the live action go
+//! through [`Latest`] slots.
+//!
+//! [`Workers`] is what the application sees of all this: commands go in, reports come out. [`Threads`] runs them; a new
+//! worker is added in its table, `workers::workers!`.
 
-mod appraisal;
+mod channel;
 mod clock;
 mod command;
-mod companion;
-mod gallery;
-mod report;
+mod error;
 #[cfg(test)]
-mod toy;
+mod fixtures;
+mod plan_view;
+mod report;
+mod reward_eval;
+mod rollout_comparison;
 mod view;
+mod workers;
 
 pub mod clipper;
+pub mod dream_inspector;
 pub mod dreamer;
 pub mod driver;
-pub mod librarian;
+pub mod episode_browser;
+pub mod jobs;
 pub mod modeler;
 pub mod recorder;
-pub mod reviewer;
 pub mod screener;
+pub mod session_writer;
 pub mod synthesizer;
 pub mod trainer;
 
 use std::any::Any;
-use std::fmt::{self, Display};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::mpsc::{Receiver, Sender, channel};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -34,15 +42,25 @@ use std::time::Instant;
 
 use crate::env::{Action, Env};
 
+pub use channel::{Inbox, Reports};
 pub use command::{
-    ClipperCommand, DreamerCommand, DriverCommand, LibrarianCommand, ModelerCommand, RecorderCommand,
-    ReviewerCommand, ScreenerCommand, SynthesizerCommand, TrainerCommand,
+    ClipperCommand, DreamInspectorCommand, DreamerCommand, DriverCommand, EpisodeBrowserCommand, FolderCheck,
+    JobCommand, ModelerCommand, RecorderCommand, ScreenerCommand, SessionWriterCommand, SynthesizerCommand,
+    TrainerCommand, WorkerCommand,
 };
-pub use report::{Learning, Report};
+pub use report::{
+    Cause, DeployReport, DreamReport, DreamStart, Dropped, JobReport, LabelReport, Learning, LoadedWorld,
+    RecordReport, Report, RewardReport, SessionItem, SessionReport, WorkerError, WorkerFailure, WorkerName,
+    WorldModelReport,
+};
+pub use session_writer::SessionWriter;
 pub use view::{
-    Beside, BesideView, CandidateView, ClipRewards, DriveView, EpisodeView, Judgement, LiveView, OpenEpisode,
-    Promise, ReviewView, Shelf,
+    CandidateView, ClipRewards, DreamRewards, DriveView, EpisodeList, EpisodeView, LiveView, OpenEpisode,
+    Promise, ReviewView, RolloutComparison, RolloutView,
 };
+pub use workers::{LoadWorldModel, Slots, Threads, WorkerConfig, Workers};
+
+use channel::IsWanted;
 
 /// A slot that holds only the latest value: a slow reader misses some and never delays the writer.
 #[derive(Debug)]
@@ -89,60 +107,12 @@ impl<T: Clone> Latest<T> {
 /// A worker lets go of the controls where this has not been written for a moment, for the window may hang.
 pub type LiveAction = Latest<(Action, Instant)>;
 
-/// Where a worker sends its reports, waking whoever reads them.
-#[derive(Clone)]
-pub struct Reports {
-    reports: Sender<Report>,
-    wake: Arc<dyn Fn() + Send + Sync>,
-    /// Whether anybody wants to hear: of a worker that was dismissed, nobody does.
-    is_heard: Arc<Mutex<bool>>,
-}
-
-impl Reports {
-    /// An outbox and its inbox; `wake` is called after every report.
-    pub fn new(wake: impl Fn() + Send + Sync + 'static) -> (Self, Receiver<Report>) {
-        let (reports, inbox) = channel();
-        (Self { reports, wake: Arc::new(wake), is_heard: Arc::new(Mutex::new(true)) }, inbox)
-    }
-
-    /// Sends a report; where nobody listens any more it is dropped.
-    pub fn send(&self, report: Report) {
-        let is_heard = self.is_heard.lock().unwrap_or_else(PoisonError::into_inner);
-        if *is_heard {
-            self.reports.send(report).ok();
-            drop(is_heard);
-            (self.wake)();
-        }
-    }
-
-    /// The same outbox, to be closed by itself.
-    fn of_its_own(&self) -> Self {
-        Self { is_heard: Arc::new(Mutex::new(true)), ..self.clone() }
-    }
-
-    /// Reports that the worker called `worker` has met `message`, and lives on.
-    pub(crate) fn fail(&self, worker: &'static str, message: impl Display) {
-        self.send(Report::Failed { worker, message: message.to_string() });
-    }
-
-    /// Wakes the reader without a report: a slot has something new.
-    pub fn wake(&self) {
-        (self.wake)();
-    }
-}
-
-impl fmt::Debug for Reports {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str("Reports")
-    }
-}
-
 /// A named thread that runs until its commands end.
 #[derive(Debug)]
 pub struct Worker<C> {
     commands: Option<Sender<C>>,
     thread: Option<JoinHandle<()>>,
-    is_heard: Arc<Mutex<bool>>,
+    is_wanted: IsWanted,
 }
 
 /// A thread that was told to end and is not waited for, until the program ends.
@@ -165,31 +135,31 @@ impl Drop for Dismissed {
 }
 
 impl<C: Send + 'static> Worker<C> {
-    /// Runs `body` in a thread called `name`; an error or a panic in it is one [`Report::Failed`].
+    /// Runs `body` in a thread of that name; an error or a panic in it is one [`Report::Failed`].
     pub fn spawn(
-        name: &'static str,
+        name: WorkerName,
         reports: &Reports,
-        body: impl FnOnce(Receiver<C>, Reports) -> Result<(), String> + Send + 'static,
+        body: impl FnOnce(Receiver<C>, Reports) -> Result<(), WorkerError> + Send + 'static,
     ) -> Self {
-        let (commands, heard) = channel();
+        let (commands, received) = channel();
         let reports = reports.of_its_own();
-        let is_heard = Arc::clone(&reports.is_heard);
+        let is_wanted = reports.is_wanted().clone();
         let run = move || {
             let outbox = reports.clone();
-            let message = match catch_unwind(AssertUnwindSafe(|| body(heard, outbox))) {
-                Ok(Ok(())) => return,
-                Ok(Err(message)) => message,
-                Err(panic) => panic_message(panic.as_ref()),
-            };
-            reports.send(Report::Failed { worker: name, message });
+            match catch_unwind(AssertUnwindSafe(|| body(received, outbox))) {
+                Ok(Ok(())) => {}
+                Ok(Err(error)) => reports.fail(name, error),
+                Err(panic) => reports.fail(name, panicked(panic.as_ref())),
+            }
         };
-        let thread = std::thread::Builder::new().name(name.to_owned()).spawn(run);
-        Self { commands: Some(commands), thread: thread.ok(), is_heard }
+        let thread = std::thread::Builder::new().name(name.name().to_owned()).spawn(run);
+        Self { commands: Some(commands), thread: thread.ok(), is_wanted }
     }
 
-    /// Tells it to end, and waits neither for that nor for what it still has to say.
+    /// Tells it to end, and waits neither for that nor for what it still has to report: that is dropped, and so is what
+    /// was reported and is not received yet.
     pub fn dismiss(mut self) -> Dismissed {
-        *self.is_heard.lock().unwrap_or_else(PoisonError::into_inner) = false;
+        self.is_wanted.end();
         self.commands = None;
         Dismissed(self.thread.take())
     }
@@ -199,7 +169,7 @@ impl<C: Send + 'static> Worker<C> {
         self.thread.as_ref().is_none_or(JoinHandle::is_finished)
     }
 
-    /// Sends a command; a worker that has died hears nothing and has said so.
+    /// Sends a command; a worker that has died does nothing and has reported that.
     pub fn send(&self, command: C) {
         if let Some(commands) = &self.commands {
             commands.send(command).ok();
@@ -259,10 +229,11 @@ impl<T: Send + 'static> Job<T> {
     }
 }
 
-fn panic_message(panic: &(dyn Any + Send)) -> String {
+/// What a panic is as an error.
+fn panicked(panic: &(dyn Any + Send)) -> WorkerError {
     let text = panic.downcast_ref::<&str>().map(|text| (*text).to_owned());
     let text = text.or_else(|| panic.downcast_ref::<String>().cloned());
-    format!("this is a bug of ours: {}", text.unwrap_or_else(|| "no message".to_owned()))
+    WorkerError::Panicked(text.unwrap_or_else(|| "no message".to_owned()))
 }
 
 /// How large the real scene is drawn for people.
@@ -285,29 +256,43 @@ mod tests {
     #[test]
     fn a_worker_that_panics_says_so_and_takes_nobody_with_it() {
         let (reports, inbox) = Reports::new(|| ());
-        let worker = Worker::<()>::spawn("test", &reports, |_, _| panic!("on purpose"));
-        let Report::Failed { worker: name, message } = inbox.recv().unwrap() else {
-            panic!("another report")
+        let worker = Worker::<()>::spawn(WorkerName::Clipper, &reports, |_, _| panic!("on purpose"));
+        let report = inbox.recv().unwrap();
+        let Report::Failed(WorkerFailure { worker: WorkerName::Clipper, error }) = report else {
+            panic!("{report:?}")
         };
-        assert_eq!(name, "test");
-        assert!(message.contains("on purpose"), "{message}");
+        assert!(matches!(&error, WorkerError::Panicked(text) if text == "on purpose"), "{error:?}");
+        assert_eq!(error.to_string(), "this is a bug of ours: on purpose");
         drop(worker);
     }
 
     #[test]
-    fn who_is_dismissed_is_not_waited_for_and_not_heard_of_again() {
+    fn who_is_dismissed_is_not_waited_for_and_reports_nothing_more() {
         let (reports, inbox) = Reports::new(|| ());
         let (go, wait) = channel::<()>();
-        let worker = Worker::<()>::spawn("slow", &reports, move |_, reports| {
+        let (sent, is_sent) = channel::<()>();
+        let worker = Worker::<()>::spawn(WorkerName::Recorder, &reports, move |_, reports| {
+            reports.send(RecordReport::Unfinished(1));
+            sent.send(()).unwrap();
             wait.recv().ok();
-            reports.send(Report::Unfinished(1));
-            Err("too late".to_owned())
+            reports.send(RecordReport::Unfinished(2));
+            Err(WorkerError::Stopped)
         });
+        is_sent.recv().unwrap();
         let dismissed = worker.dismiss();
         assert!(!dismissed.is_over(), "it is busy, and we are here already");
         go.send(()).unwrap();
         drop(dismissed);
-        assert!(inbox.try_recv().is_err(), "it was heard");
+        reports.send(RecordReport::Unfinished(3));
+        let all: Vec<_> = inbox.try_iter().collect();
+        assert!(matches!(all[..], [Report::Record(RecordReport::Unfinished(3))]), "{all:?}");
+    }
+
+    #[test]
+    fn threads_have_names_that_the_system_shows_whole() {
+        for worker in WorkerName::ALL {
+            assert!(worker.name().len() <= 15, "{}", worker.name());
+        }
     }
 
     #[test]

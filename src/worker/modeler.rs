@@ -7,11 +7,14 @@ use std::time::{Duration, Instant};
 
 use crate::dataset::Dataset;
 use crate::run::{Kind, OutputFile, Run};
-use crate::worker::{ModelerCommand, Report, Reports, Worker, one_thread};
+use crate::worker::error::TaskError;
+use crate::worker::{
+    ModelerCommand, RecordReport, Reports, Worker, WorkerError, WorkerName, WorldModelReport, one_thread,
+};
 use crate::world_model::WorldModelConfig;
-use crate::world_model::fit::{self, FitConfig, FitError, Progress, fit_world};
+use crate::world_model::fit::{self, FitConfig, Progress, fit_world};
 
-const NAME: &str = "modeler";
+const NAME: WorkerName = WorkerName::Modeler;
 /// The window need not know of every update.
 const REPORT_EVERY: Duration = Duration::from_millis(100);
 
@@ -38,8 +41,8 @@ pub fn model(
         let fitted = fit_one(commands, reports, config, fit, &dataset, &out, resume);
         one_thread();
         match fitted {
-            Ok(()) => reports.send(Report::Modeled(out)),
-            Err(message) => reports.fail(NAME, message),
+            Ok(()) => reports.send(WorldModelReport::Fitted(out)),
+            Err(error) => reports.fail(NAME, error.gave_up()),
         }
     }
 }
@@ -53,42 +56,37 @@ fn fit_one(
     dataset: &Path,
     out: &Path,
     resume: bool,
-) -> Result<(), String> {
-    let dataset = Dataset::open(dataset).map_err(|e| e.to_string())?;
+) -> Result<(), WorkerError> {
+    let dataset = Dataset::open(dataset)?;
     if let Some(env) = dataset.env().filter(|env| *env != config.env) {
-        return Err(format!(
-            "these recordings are of {env:?}, but the model is to be one of {:?}",
-            config.env
-        ));
+        let (found, wanted) = (env.to_owned(), config.env.clone());
+        return Err(TaskError::OtherRecordings { found, wanted }.into());
     }
     for damaged in dataset.damaged() {
-        reports.send(Report::LeftOut(format!("left out of the fit: {damaged}")));
+        reports.send(RecordReport::LeftOut(format!("left out of the fit: {damaged}")));
     }
-    fit::check(&dataset).map_err(|e| e.to_string())?;
-    let output = OutputFile::at(out, Kind::Network).map_err(|e| e.to_string())?;
-    let run = Run::beside(out, resume).map_err(|e| e.to_string())?;
+    fit::check(&dataset)?;
+    let output = OutputFile::at(out, Kind::Network)?;
+    let run = Run::beside(out, resume)?;
     let mut last = None;
     let mut listen = |progress: &Progress| loop {
         match commands.try_recv() {
             Ok(ModelerCommand::Stop) | Err(TryRecvError::Disconnected) => return ControlFlow::Break(()),
             Ok(ModelerCommand::Fit { .. }) => {
-                reports.fail(NAME, "a world model is being trained already; stop that first");
+                reports.fail(NAME, TaskError::IsFitting);
             }
             Err(TryRecvError::Empty) => {
                 let is_news = last.is_none_or(|last: Instant| last.elapsed() >= REPORT_EVERY);
                 if is_news || progress.done == progress.n {
                     last = Some(Instant::now());
-                    reports.send(Report::Modeling(progress.clone()));
+                    reports.send(WorldModelReport::Fitting(progress.clone()));
                 }
                 return ControlFlow::Continue(());
             }
         }
     };
-    let parameters = match fit_world(&dataset, config, fit, &run, &mut listen) {
-        Err(FitError::Stopped) => return Err("stopped; resuming goes on from the last checkpoint".to_owned()),
-        fitted => fitted.map_err(|e| e.to_string())?,
-    };
-    output.write(parameters.bytes()).map_err(|e| e.to_string())
+    let parameters = fit_world(&dataset, config, fit, &run, &mut listen)?;
+    Ok(output.write(parameters.bytes())?)
 }
 
 #[cfg(test)]
@@ -99,10 +97,11 @@ mod tests {
     use crate::dataset::{EpisodeInfo, StepRecord};
     use crate::env::{Action, End, Env as _};
     use crate::run::read_parameters;
-    use crate::worker::toy::Wall;
+    use crate::worker::fixtures::Wall;
+    use crate::worker::{Report, WorkerFailure};
     use crate::world_model::WorldModel;
 
-    /// Three episodes of a wall, in the name of the toy's environment.
+    /// Three episodes of a wall, in the name of the tiny model's environment.
     fn record(dir: &Path) {
         let env = WorldModelConfig::tiny().env;
         let mut dataset = Dataset::create_or_open(dir, &env).unwrap();
@@ -144,26 +143,27 @@ mod tests {
         let (reports, inbox) = Reports::new(|| ());
         let modeler = spawn(WorldModelConfig::tiny(), brief(), &reports);
         modeler.send(ModelerCommand::Fit { dataset, out: out.clone(), resume: false });
-        let listening = inbox.iter().take_while(|report| matches!(report, Report::Modeling(_))).count();
+        let is_fitting = |report: &Report| matches!(report, Report::WorldModel(WorldModelReport::Fitting(_)));
+        let n_reports = inbox.iter().take_while(is_fitting).count();
         drop(modeler);
         // How many come in between is a matter of time; the ends of epochs always do.
-        assert!(listening >= 4, "two epochs of each network make {listening} reports");
+        assert!(n_reports >= 4, "two epochs of each network make {n_reports} reports");
         assert!(WorldModel::load(read_parameters(&out).unwrap()).is_ok(), "it is whole");
     }
 
     #[test]
-    fn a_stopped_fit_says_that_it_can_be_resumed() {
+    fn a_stopped_fit_says_so() {
         let dir = tempfile::tempdir().unwrap();
         let (dataset, out) = (dir.path().join("real"), dir.path().join("model.safetensors"));
         record(&dataset);
-        let (commands, heard) = channel();
+        let (commands, received) = channel();
         commands.send(ModelerCommand::Fit { dataset, out: out.clone(), resume: false }).unwrap();
         commands.send(ModelerCommand::Stop).unwrap();
         drop(commands);
         let (reports, inbox) = Reports::new(|| ());
-        model(&heard, &reports, &WorldModelConfig::tiny(), &brief());
-        let Report::Failed { message, .. } = inbox.recv().unwrap() else { panic!("another report") };
-        assert!(message.contains("resuming"), "{message}");
+        model(&received, &reports, &WorldModelConfig::tiny(), &brief());
+        let Report::Failed(failure) = inbox.recv().unwrap() else { panic!("another report") };
+        assert!(matches!(failure.error, WorkerError::Stopped), "{failure:?}");
         assert!(!out.exists(), "half a model is none");
     }
 
@@ -171,7 +171,7 @@ mod tests {
     fn recordings_of_another_world_are_refused() {
         let dir = tempfile::tempdir().unwrap();
         record(dir.path());
-        let (commands, heard) = channel();
+        let (commands, received) = channel();
         let fit = ModelerCommand::Fit {
             dataset: dir.path().to_owned(),
             out: dir.path().join("out"),
@@ -180,8 +180,12 @@ mod tests {
         commands.send(fit).unwrap();
         drop(commands);
         let (reports, inbox) = Reports::new(|| ());
-        model(&heard, &reports, &WorldModelConfig::car_racing(), &brief());
-        let Report::Failed { message, .. } = inbox.recv().unwrap() else { panic!("another report") };
+        model(&received, &reports, &WorldModelConfig::car_racing(), &brief());
+        let Report::Failed(WorkerFailure { error: WorkerError::GaveUp(error), .. }) = inbox.recv().unwrap()
+        else {
+            panic!("another report")
+        };
+        let message = error.to_string();
         assert!(message.contains("dummy-road") && message.contains("car-racing"), "{message}");
     }
 }

@@ -8,20 +8,19 @@ use crate::dataset::{Dataset, DatasetError, EpisodeInfo, Recording, StepRecord};
 use crate::env::{Action, End, Env, Frame, Seed};
 use crate::planner::PlannerConfig;
 use crate::worker::clock::{Allowance, Beat, Clock, Rate, held};
-use crate::worker::companion::Companion;
+use crate::worker::error::TaskError;
+use crate::worker::rollout_comparison::Assistant;
 use crate::worker::{
-    BesideView, Latest, LiveAction, LiveView, PICTURE, RecorderCommand, Report, Reports, Worker, one_thread,
-    picture,
+    Latest, LiveAction, LiveView, PICTURE, RecordReport, RecorderCommand, Reports, RolloutView, Worker,
+    WorkerError, WorkerName, one_thread, picture,
 };
 
-const NAME: &str = "recorder";
-/// By this name the planner that rides along is told of: what befalls it ends no recording.
-const COMPANION: &str = "companion";
+const NAME: WorkerName = WorkerName::Recorder;
 /// The name of the driver in the recordings.
 const PILOT: &str = "person";
 
-/// What a recorder shows: the real car, and the dream beside it.
-pub type Views = (Latest<LiveView>, Latest<BesideView>);
+/// What a recorder shows: the real car, and the rollout that it is compared with.
+pub type Views = (Latest<LiveView>, Latest<RolloutView>);
 
 /// Starts a thread that drives `env`, called `env_name` in recordings, by `action` or as `planner` says, and shows it
 /// in `views`.
@@ -48,7 +47,7 @@ pub fn record(
     env_name: &str,
     planner: PlannerConfig,
     action: &LiveAction,
-    (view, beside): &Views,
+    (view, rollout): &Views,
 ) {
     one_thread();
     let mut recorder = Recorder {
@@ -57,22 +56,22 @@ pub fn record(
         reports,
         action,
         view,
-        beside,
+        rollout,
         clock: Clock::default(),
         drawing: Allowance::default(),
         pictures: Rate::default(),
-        companion: Companion::new(planner),
+        assistant: Assistant::new(planner),
         take: None,
     };
     loop {
         let done = match recorder.clock.wait(commands) {
-            Beat::Heard(command) => recorder.hear(command),
+            Beat::Command(command) => recorder.handle(command),
             Beat::Due => recorder.tick(),
             // An episode that is being driven stays in its journal.
             Beat::Over => return,
         };
         if let Err(e) = done {
-            reports.fail(NAME, e);
+            reports.fail(NAME, WorkerError::from(e).gave_up());
         }
     }
 }
@@ -84,12 +83,12 @@ struct Recorder<'a> {
     reports: &'a Reports,
     action: &'a LiveAction,
     view: &'a Latest<LiveView>,
-    beside: &'a Latest<BesideView>,
+    rollout: &'a Latest<RolloutView>,
     clock: Clock,
-    /// For drawing the dream beside.
+    /// For drawing the rollout.
     drawing: Allowance,
     pictures: Rate,
-    companion: Companion,
+    assistant: Assistant,
     take: Option<Take>,
 }
 
@@ -115,7 +114,7 @@ struct Unsaved {
 }
 
 impl Recorder<'_> {
-    fn hear(&mut self, command: RecorderCommand) -> Result<(), DatasetError> {
+    fn handle(&mut self, command: RecorderCommand) -> Result<(), DatasetError> {
         match command {
             RecorderCommand::Start { dataset, seed } => {
                 self.end(None)?;
@@ -134,36 +133,36 @@ impl Recorder<'_> {
             }
             RecorderCommand::Pause(_) => {}
             RecorderCommand::Model(model) => {
-                let seen = self.companion.see_with(model, self.env_name, self.env.frame().side());
-                self.say(seen);
+                let used = self.assistant.use_model(model, self.env_name, self.env.frame().side());
+                self.assisted(used);
             }
             RecorderCommand::Reward(reward) => {
-                let liked = self.companion.like(&reward);
-                self.say(liked);
+                let used = self.assistant.use_reward(&reward);
+                self.assisted(used);
             }
             RecorderCommand::HandOver(is_over) => {
                 let n_steps = self.take.as_ref().map_or(0, |take| take.recording.n_steps());
-                self.companion.hand_over(is_over && self.take.is_some(), n_steps as u64);
+                self.assistant.hand_over(is_over && self.take.is_some(), n_steps as u64);
                 self.show();
             }
-            RecorderCommand::Beside(beside) => self.companion.ride_beside(beside),
+            RecorderCommand::CompareRollout(comparison) => self.assistant.compare(comparison),
             RecorderCommand::Keep => self.end(None)?,
             RecorderCommand::SaveIn(dataset) => self.save_in(&dataset),
             RecorderCommand::Discard => {
                 self.clock.stop();
                 self.take.take().map_or(Ok(()), |take| take.recording.discard())?;
             }
-            RecorderCommand::Look(dataset) => {
+            RecorderCommand::FindUnfinished(dataset) => {
                 let left = self.left_behind(&dataset)?.map_or(0, |dataset| dataset.unfinished().len());
                 if left > 0 {
-                    self.reports.send(Report::Unfinished(left));
+                    self.reports.send(RecordReport::Unfinished(left));
                 }
             }
             RecorderCommand::Recover(dataset) => {
                 let Some(mut dataset) = self.left_behind(&dataset)? else { return Ok(()) };
                 while let Some(n_steps) = dataset.unfinished().first().map(|left| left.n_steps) {
                     let episode = dataset.recover(0)?;
-                    self.reports.send(Report::Recorded { episode, n_steps });
+                    self.reports.send(RecordReport::Recorded { episode, n_steps });
                 }
             }
             RecorderCommand::Forget(dataset) => {
@@ -184,11 +183,11 @@ impl Recorder<'_> {
         self.open(dataset).map(Some)
     }
 
-    /// Opens the dataset for recording, and tells of what had to be moved out of it.
+    /// Opens the dataset for recording, and reports what had to be moved out of it.
     fn open(&self, dataset: &Path) -> Result<Dataset, DatasetError> {
         let dataset = Dataset::create_or_open(dataset, self.env_name)?;
         for damaged in dataset.damaged() {
-            self.reports.send(Report::LeftOut(damaged.to_string()));
+            self.reports.send(RecordReport::LeftOut(damaged.to_string()));
         }
         Ok(dataset)
     }
@@ -205,7 +204,7 @@ impl Recorder<'_> {
             action: Action::default(),
             unsaved: None,
         });
-        self.companion.begin();
+        self.assistant.begin();
         self.clock = Clock::default();
         self.show();
         self.clock.start(Instant::now());
@@ -221,16 +220,16 @@ impl Recorder<'_> {
             return self.write_down();
         }
         let hands = held(self.action, now);
-        let planned = self.companion.act(hands, &take.frame).unwrap_or_else(|met| {
-            self.reports.fail(COMPANION, format!("the planner gives the wheel back: {met}"));
+        let planned = self.assistant.act(hands, &take.frame).unwrap_or_else(|met| {
+            self.reports.fail(NAME, TaskError::PlannerEnded(met));
             None
         });
         take.action = planned.unwrap_or(hands);
         let (wall_time_ns, state) = (nanos_since_1970(), self.env.state());
         let outcome = self.env.advance(take.action);
         let executed = self.env.executed().unwrap_or(take.action);
-        if let Err(met) = self.companion.acted(&take.frame, executed) {
-            self.reports.fail(COMPANION, format!("the dream beside ends: {met}"));
+        if let Err(met) = self.assistant.acted(&take.frame, executed) {
+            self.reports.fail(NAME, TaskError::RolloutEnded(met));
         }
         let step = StepRecord {
             frame: std::mem::replace(&mut take.frame, self.env.frame()),
@@ -252,7 +251,7 @@ impl Recorder<'_> {
         }
         let end = self.take.as_mut().and_then(|take| take.unsaved.take()?.end);
         self.show();
-        self.show_beside();
+        self.show_rollout();
         if end.is_some() { self.end(end) } else { Ok(()) }
     }
 
@@ -270,7 +269,7 @@ impl Recorder<'_> {
     fn hold(&mut self, why: String) {
         self.clock.stop();
         self.show();
-        self.reports.send(Report::Held(why));
+        self.reports.send(RecordReport::Held(why));
     }
 
     /// Goes on with what is being driven in another dataset.
@@ -294,7 +293,7 @@ impl Recorder<'_> {
                     log::warn!("{e}");
                 }
                 self.show();
-                self.reports.send(Report::Moved(dir.to_owned()));
+                self.reports.send(RecordReport::Moved(dir.to_owned()));
             }
         }
     }
@@ -315,10 +314,10 @@ impl Recorder<'_> {
         }
         let episode = dataset.seal(recording, &frame, end).inspect_err(|_| {
             // It stays in its journal, and is offered from there.
-            self.reports.send(Report::Unfinished(1));
+            self.reports.send(RecordReport::Unfinished(1));
         })?;
         drop(dataset);
-        self.reports.send(Report::Recorded { episode, n_steps });
+        self.reports.send(RecordReport::Recorded { episode, n_steps });
         Ok(())
     }
 
@@ -339,24 +338,25 @@ impl Recorder<'_> {
             n_late: self.clock.n_late(),
             is_paused: !self.clock.runs(),
             n_unsafe_marks: 0,
-            is_planned: self.companion.is_driving(),
+            is_planned: self.assistant.is_driving(),
             wheels_off: Some(self.env.truth().wheels_off),
         });
         self.reports.wake();
     }
 
-    /// Draws the dream beside, if there is time.
-    fn show_beside(&mut self) {
-        let Some(take) = self.take.as_ref().filter(|_| self.companion.is_beside()) else { return };
+    /// Draws the rollout, if there is time.
+    fn show_rollout(&mut self) {
+        let Some(take) = self.take.as_ref().filter(|_| self.assistant.has_rollout()) else { return };
         let (left, n_steps) = (self.clock.time_left(Instant::now()), take.recording.n_steps());
-        let (companion, frame) = (&self.companion, &take.frame);
-        if let Some(Some(view)) = self.drawing.spend(left, || companion.view(n_steps, frame)) {
-            self.beside.put(view);
+        let (assistant, frame) = (&self.assistant, &take.frame);
+        if let Some(Some(view)) = self.drawing.spend(left, || assistant.view(n_steps, frame)) {
+            self.rollout.put(view);
             self.reports.wake();
         }
     }
 
-    fn say(&self, done: Result<(), String>) {
+    /// Reports what befell the planner or the rollout beside: that ends no recording.
+    fn assisted(&self, done: Result<(), WorkerError>) {
         if let Err(e) = done {
             self.reports.fail(NAME, e);
         }
@@ -373,7 +373,8 @@ mod tests {
     use std::sync::mpsc::channel;
 
     use super::*;
-    use crate::worker::toy::Wall;
+    use crate::worker::Report;
+    use crate::worker::fixtures::Wall;
 
     fn recorder(
         len: usize,
@@ -394,7 +395,7 @@ mod tests {
         let recorder = recorder(5, &action, &view, &reports);
         action.put((Action::new(0.5, 1.0, 0.0), Instant::now() + std::time::Duration::from_secs(1000)));
         recorder.send(RecorderCommand::Start { dataset: dir.path().to_owned(), seed: 9 });
-        let Report::Recorded { episode: 0, n_steps: 5 } = inbox.recv().unwrap() else {
+        let Report::Record(RecordReport::Recorded { episode: 0, n_steps: 5 }) = inbox.recv().unwrap() else {
             panic!("another report")
         };
         drop(recorder);
@@ -435,8 +436,12 @@ mod tests {
         drop(dataset);
 
         let path = || dir.path().to_owned();
-        let reports = reports_of([RecorderCommand::Look(path()), RecorderCommand::Recover(path())]);
-        let [Report::Unfinished(1), Report::Recorded { episode: 0, n_steps: kept }] = reports[..] else {
+        let reports = reports_of([RecorderCommand::FindUnfinished(path()), RecorderCommand::Recover(path())]);
+        let [
+            Report::Record(RecordReport::Unfinished(1)),
+            Report::Record(RecordReport::Recorded { episode: 0, n_steps: kept }),
+        ] = reports[..]
+        else {
             panic!("{reports:?}")
         };
         assert_eq!(kept, n_steps);
@@ -456,19 +461,24 @@ mod tests {
             std::thread::yield_now();
         }
         one.close().unwrap();
-        let Report::Held(why) = inbox.recv().unwrap() else { panic!("another report") };
+        let Report::Record(RecordReport::Held(why)) = inbox.recv().unwrap() else { panic!("another report") };
         assert!(why.contains("was replaced, moved or changed"), "{why}");
         recorder.send(RecorderCommand::Pause(false));
-        assert!(matches!(inbox.recv().unwrap(), Report::Held(_)), "tried again, it is the same");
+        assert!(
+            matches!(inbox.recv().unwrap(), Report::Record(RecordReport::Held(_))),
+            "tried again, it is the same"
+        );
         // Not even the end of the recording loses it.
         recorder.send(RecorderCommand::Keep);
-        assert!(matches!(inbox.recv().unwrap(), Report::Held(_)));
+        assert!(matches!(inbox.recv().unwrap(), Report::Record(RecordReport::Held(_))));
 
         recorder.send(RecorderCommand::SaveIn(other.clone()));
-        let Report::Moved(moved) = inbox.recv().unwrap() else { panic!("another report") };
+        let Report::Record(RecordReport::Moved(moved)) = inbox.recv().unwrap() else {
+            panic!("another report")
+        };
         assert_eq!(moved, other);
         recorder.send(RecorderCommand::Pause(false));
-        let Report::Recorded { episode: 0, n_steps: 30 } = inbox.recv().unwrap() else {
+        let Report::Record(RecordReport::Recorded { episode: 0, n_steps: 30 }) = inbox.recv().unwrap() else {
             panic!("another report")
         };
         drop(recorder);
@@ -497,22 +507,22 @@ mod tests {
         dataset.begin(info).unwrap().push(&step).unwrap();
         drop(dataset);
         let path = || dir.path().to_owned();
-        let commands = [RecorderCommand::Forget(path()), RecorderCommand::Look(path())];
+        let commands = [RecorderCommand::Forget(path()), RecorderCommand::FindUnfinished(path())];
         assert!(reports_of(commands).is_empty());
-        let none = RecorderCommand::Look(dir.path().join("none"));
+        let none = RecorderCommand::FindUnfinished(dir.path().join("none"));
         assert!(reports_of([none]).is_empty() && !dir.path().join("none").exists(), "looking makes nothing");
     }
 
     /// What comes of `commands`.
     fn reports_of(commands: impl IntoIterator<Item = RecorderCommand>) -> Vec<Report> {
-        let (sender, heard) = channel();
+        let (sender, received) = channel();
         commands.into_iter().for_each(|command| sender.send(command).unwrap());
         drop(sender);
         let (reports, inbox) = Reports::new(|| ());
         let planner = PlannerConfig::car_racing();
         let views = Views::default();
-        record(&heard, &reports, Box::new(Wall::new(5)), "wall", planner, &Latest::default(), &views);
+        record(&received, &reports, Box::new(Wall::new(5)), "wall", planner, &Latest::default(), &views);
         drop(reports);
-        inbox.into_iter().collect()
+        inbox.iter().collect()
     }
 }

@@ -1,103 +1,55 @@
-//! What workers tell.
+//! What workers report, by the room that receives it.
 
 use std::path::PathBuf;
+use std::sync::Arc;
 
 use crate::dream::{DreamEpisode, Rows};
 use crate::env::Frame;
 use crate::evaluation::EpisodeMetrics;
 use crate::planner::synthesis::Acquisition;
 use crate::query::{DreamId, Query, SegmentRef};
-use crate::session::DreamJournal;
+use crate::session::{
+    Annotators, DreamJournal, Entry, Event, Fit, Header, LoadedSession, Session, SessionError, SessionStore,
+};
 use crate::tensor::Parameters;
-use crate::worker::{ClipRewards, Judgement, OpenEpisode, Shelf};
+use crate::worker::{
+    ClipRewards, DreamRewards, DriveView, EpisodeList, EpisodeView, FolderCheck, LiveView, OpenEpisode,
+    ReviewView, RolloutView,
+};
+use crate::world_model::LatentState;
 use crate::world_model::fit::Progress;
 
-/// What a worker tells the window: one closed list, one inbox.
+/// What a worker reports: one closed list, one inbox.
 #[derive(Debug)]
 pub enum Report {
-    /// A dream ended and is offered for keeping.
-    Dreamt {
-        /// As it was driven.
-        episode: DreamEpisode,
-        /// What to discard once it is kept or thrown away.
-        journal: Option<DreamJournal>,
-    },
-    /// A query's clips are ready.
-    Clips {
-        /// Which.
-        query: Query,
-        /// Twenty pictures.
-        left: Vec<Frame>,
-        /// Twenty pictures.
-        right: Vec<Frame>,
-    },
-    /// A query's thumbnails are ready.
-    Glance {
-        /// Which.
-        query: Query,
-        /// From the middle of the left clip, and of the right one.
-        frames: [Frame; 2],
-    },
-    /// A dream has been looked at.
-    Signs {
-        /// Which.
-        dream: DreamId,
-        /// Of its noise: another session has a dream of this number, too.
-        seed: u64,
-        /// The signs of its steps.
-        signs: Rows,
-    },
-    /// Pairs have been weighed.
-    Weighed {
-        /// Which.
-        pairs: Vec<[SegmentRef; 2]>,
-        /// How much the members disagree about each; nothing where nothing was learned yet.
-        disagreements: Option<Vec<f32>>,
-    },
-    /// What the reward says of the clips of a query.
-    Foretold {
-        /// Which.
-        query: Query,
-        /// Of the left one, and of the right one.
-        clips: [ClipRewards; 2],
-    },
-    /// What the reward says of a dream.
-    Judged(Judgement),
-    /// A trajectory is being made.
-    Synthesizing {
-        /// Of which search.
-        seed: u64,
-        /// Steps of the gradient so far.
-        done: usize,
-        /// How many there will be.
-        n: usize,
-    },
-    /// A trajectory is made.
-    Synthesized {
-        /// It, with the seed of its search.
-        episode: DreamEpisode,
-        /// What it was to be.
-        acquisition: Acquisition,
-    },
-    /// The reward has learned a little.
-    Learning(Learning),
-    /// The reward has parameters worth planning with.
-    Learned {
-        /// They.
-        parameters: Parameters,
-        /// How many answers they rest on.
-        n_labels: usize,
-        /// Where a full fit has ended: its seed, and each member's loss in its last epoch.
-        fit: Option<(u64, Vec<f32>)>,
-    },
-    /// An episode by plan ended.
-    Drove {
-        /// Of the track.
-        seed: u64,
-        /// Its figures.
-        metrics: EpisodeMetrics,
-    },
-    /// A recorded episode is on disk.
+    /// On recording and on recorded episodes.
+    Record(RecordReport),
+    /// On the fitting of world models.
+    WorldModel(WorldModelReport),
+    /// On dreams.
+    Dream(DreamReport),
+    /// On queries.
+    Label(LabelReport),
+    /// On the reward.
+    Reward(RewardReport),
+    /// On the car that the planner drives.
+    Deploy(DeployReport),
+    /// On the session on disk.
+    Session(SessionReport),
+    /// On a piece of work on files.
+    Job(JobReport),
+    /// A worker met an error.
+    Failed(WorkerFailure),
+}
+
+/// On recording and on recorded episodes.
+#[derive(Debug)]
+pub enum RecordReport {
+    /// What is seen now.
+    View(LiveView),
+    /// What is dreamt beside it.
+    Rollout(RolloutView),
+    /// An episode is on disk.
     Recorded {
         /// Its number in the dataset.
         episode: usize,
@@ -108,35 +60,354 @@ pub enum Report {
     Held(String),
     /// A recording goes on in this dataset.
     Moved(PathBuf),
-    /// A dream is driven and cannot be written down; the sentence says why.
-    Unjournaled(String),
     /// So many recordings were left behind by a killed program.
     Unfinished(usize),
+    /// A recorded episode is left out of a fit, or out of the dataset from here on; the sentence says why.
+    LeftOut(String),
     /// What a folder of recordings holds.
-    Shelf(Shelf),
+    Episodes(EpisodeList),
     /// A recorded episode has been read.
     Opened(OpenEpisode),
+    /// A step of it.
+    EpisodeView(EpisodeView),
     /// What the reward says of the recorded episode that is open.
-    JudgedEpisode {
+    EpisodeRewards {
         /// Which.
         recording: String,
         /// The mean of the members, the lowest and the highest, step by step.
         rewards: [Vec<f32>; 3],
     },
-    /// A recorded episode is left out of a fit, or out of the dataset from here on; the sentence says why.
-    LeftOut(String),
-    /// A world model is being trained.
-    Modeling(Progress),
-    /// A world model is on disk.
-    Modeled(PathBuf),
-    /// A worker met an error, or has died of a bug; the sentence says which.
-    Failed {
-        /// The thread's name.
-        worker: &'static str,
-        /// One sentence.
-        message: String,
+}
+
+/// On the fitting of world models.
+#[derive(Debug)]
+pub enum WorldModelReport {
+    /// One is being fitted.
+    Fitting(Progress),
+    /// One is on disk.
+    Fitted(PathBuf),
+}
+
+/// On dreams.
+#[derive(Debug)]
+pub enum DreamReport {
+    /// What is seen in the dream that is driven.
+    View(LiveView),
+    /// A dream ended and is offered for keeping.
+    Ended {
+        /// As it was driven.
+        episode: DreamEpisode,
+        /// What to discard once it is kept or thrown away.
+        journal: Option<DreamJournal>,
+    },
+    /// A dream is driven and cannot be written down; the sentence says why.
+    Unjournaled(String),
+    /// A step of a kept dream.
+    Review(ReviewView),
+    /// What the reward says of a kept dream.
+    Rewards(DreamRewards),
+}
+
+/// On queries.
+#[derive(Debug)]
+pub enum LabelReport {
+    /// A query's clips are decoded.
+    Clips {
+        /// Which.
+        query: Query,
+        /// Twenty pictures.
+        left: Vec<Frame>,
+        /// Twenty pictures.
+        right: Vec<Frame>,
+    },
+    /// A query's thumbnails are decoded.
+    Thumbnails {
+        /// Which.
+        query: Query,
+        /// From the middle of the left clip, and of the right one.
+        frames: [Frame; 2],
+    },
+    /// A dream has been screened.
+    Signs {
+        /// Which.
+        dream: DreamId,
+        /// Of its noise: another session has a dream of this number, too.
+        seed: u64,
+        /// The signs of its steps.
+        signs: Rows,
+    },
+    /// The disagreement about pairs has been measured.
+    Disagreements {
+        /// Which.
+        pairs: Vec<[SegmentRef; 2]>,
+        /// How much the members disagree about each; nothing where nothing was learned yet.
+        disagreements: Option<Vec<f32>>,
+    },
+    /// What the reward predicts of the clips of a query.
+    Predicted {
+        /// Which.
+        query: Query,
+        /// Of the left one, and of the right one.
+        clips: [ClipRewards; 2],
+    },
+    /// A trajectory is being synthesized.
+    Synthesizing {
+        /// Of which search.
+        seed: u64,
+        /// Steps of the gradient so far.
+        done: usize,
+        /// How many there will be.
+        n: usize,
+    },
+    /// A trajectory is synthesized.
+    Synthesized {
+        /// It, with the seed of its search.
+        episode: DreamEpisode,
+        /// What it was to be.
+        acquisition: Acquisition,
     },
 }
+
+/// On the reward.
+#[derive(Debug)]
+pub enum RewardReport {
+    /// It has learned a little.
+    Learning(Learning),
+    /// It has parameters worth planning with.
+    Learned {
+        /// They.
+        parameters: Parameters,
+        /// How many answers they rest on.
+        n_labels: usize,
+        /// Where a full fit has ended: its seed, and each member's loss in its last epoch.
+        fit: Option<(u64, Vec<f32>)>,
+    },
+}
+
+/// On the car that the planner drives.
+#[derive(Debug)]
+pub enum DeployReport {
+    /// What is seen now, and what the planner considers.
+    View(DriveView),
+    /// An episode ended.
+    Ended {
+        /// Of the track.
+        seed: u64,
+        /// Its figures.
+        metrics: EpisodeMetrics,
+    },
+}
+
+/// On the session on disk.
+#[derive(Debug)]
+pub enum SessionReport {
+    /// A session was made, or why it could not be.
+    Created(Result<Box<LoadedSession>, SessionError>),
+    /// The session that was open, which is no longer written into.
+    Released(Box<SessionStore>),
+    /// An event is on disk, and counts.
+    Recorded(Entry),
+    /// An event is not on disk, and does not count.
+    NotRecorded {
+        /// Which.
+        event: Event,
+        /// Why.
+        error: SessionError,
+        /// How many events wait to be written down.
+        n_unsaved: usize,
+    },
+    /// A dream is kept.
+    DreamSaved {
+        /// Its line in the log.
+        entry: Entry,
+        /// Which.
+        id: DreamId,
+        /// It.
+        episode: DreamEpisode,
+    },
+    /// A dream could not be kept, and is not lost.
+    DreamNotSaved {
+        /// It.
+        episode: DreamEpisode,
+        /// What it was to be, where it was synthesized.
+        acquisition: Option<Acquisition>,
+        /// What holds it.
+        journal: Option<DreamJournal>,
+        /// Why.
+        error: SessionError,
+    },
+    /// A reward is saved.
+    RewardSaved(Entry),
+    /// A reward could not be saved, and is not lost.
+    RewardNotSaved {
+        /// It.
+        parameters: Parameters,
+        /// How it was fitted.
+        fit: Fit,
+        /// Why.
+        error: SessionError,
+    },
+    /// A journal for a dream that is about to begin, or why there is none; and that dream.
+    Journal {
+        /// As it begins.
+        episode: DreamEpisode,
+        /// What holds it from now on.
+        journal: Result<DreamJournal, SessionError>,
+        /// Whether the dream is about to begin, and does not go on.
+        is_new: bool,
+    },
+    /// A dream that a killed program left behind could not be kept or thrown away.
+    NotRecovered(SessionError),
+    /// What could not be written down before is on disk now, and the session as it is with that.
+    Written {
+        /// What was written.
+        events: Vec<Event>,
+        /// All of it.
+        session: Box<Session>,
+    },
+    /// It still cannot be written down.
+    NotWritten {
+        /// Why.
+        error: SessionError,
+        /// How many events wait to be written down.
+        n_unsaved: usize,
+    },
+    /// The event that happened last of those that could not be written down was taken back.
+    Forgotten {
+        /// How many events wait to be written down.
+        n_unsaved: usize,
+    },
+    /// All of the session is in another folder, and goes on there.
+    SavedAs {
+        /// The folder.
+        dir: PathBuf,
+        /// Its head.
+        header: Header,
+        /// The session as it is there.
+        session: Box<Session>,
+        /// What had not been written down before.
+        events: Vec<Event>,
+        /// Files that were neither in memory nor anywhere on disk.
+        left_out: Vec<String>,
+    },
+    /// It could not be saved there.
+    NotSavedAs(SessionError),
+    /// Whether sessions can be kept in a folder.
+    Folder {
+        /// The folder.
+        sessions: PathBuf,
+        /// Why that was asked.
+        purpose: FolderCheck,
+        /// Whether they can.
+        result: Result<(), SessionError>,
+    },
+    /// Where something could be saved.
+    Place(PathBuf),
+    /// The session that is open is under its name, or no longer: reported whenever that changes.
+    Checked(Result<(), SessionError>),
+}
+
+/// On a piece of work on files.
+#[derive(Debug)]
+pub enum JobReport {
+    /// A world model was read, or why it could not be.
+    WorldModel(Result<Box<LoadedWorld>, WorkerError>),
+    /// So many of so many dreams of the session that is being opened are read.
+    Opening(usize, usize),
+    /// It is read, or why it cannot be.
+    Session(Result<Box<LoadedSession>, WorkerError>),
+    /// The sessions that were found so far.
+    Sessions {
+        /// The latest first.
+        found: Vec<SessionItem>,
+        /// Whether there may be more.
+        is_listing: bool,
+    },
+    /// They could not be listed.
+    NotListed(WorkerError),
+    /// The sessions that could be merged, where so many folders had been named beside those that are found.
+    Mergeable(Vec<SessionItem>, usize),
+    /// Those were compared who answered about the dreams of the session in this folder.
+    Compared(PathBuf, Annotators),
+    /// A session was made; the sentence says what it holds.
+    Made(PathBuf, String),
+    /// Recordings can be used; the sentence says what they are.
+    Recordings(PathBuf, String),
+    /// What was dropped on the window.
+    Identified(PathBuf, Dropped),
+    /// Something could not be done.
+    Failed(WorkerError),
+}
+
+/// Where a dream can begin.
+#[derive(Clone, Debug)]
+pub struct DreamStart {
+    /// What a person would call it.
+    pub name: String,
+    /// The state.
+    pub state: LatentState,
+    /// What it looks like.
+    pub picture: Option<Frame>,
+}
+
+/// A world model that is ready for use.
+#[derive(Clone, Debug)]
+pub struct LoadedWorld {
+    /// A name for people: that it is shipped, or its file's.
+    pub name: String,
+    /// The file it came from, if it came from one.
+    pub path: Option<PathBuf>,
+    /// The networks.
+    pub parameters: Parameters,
+    /// What is known about it: what it was fitted to, how well it predicts.
+    pub card: Vec<(String, String)>,
+    /// Where its dreams can begin.
+    pub starts: Vec<DreamStart>,
+}
+
+/// A session in a list.
+#[derive(Clone, Debug)]
+pub struct SessionItem {
+    /// Its folder.
+    pub dir: PathBuf,
+    /// A name for people.
+    pub name: String,
+    /// What it holds, or why it cannot be opened.
+    pub about: Result<String, String>,
+}
+
+/// What was dropped on the window.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Dropped {
+    /// A file of parameters.
+    WorldModel,
+    /// The folder of a session.
+    Session,
+    /// Another folder: recordings, perhaps.
+    Recordings,
+}
+
+/// A report of a room is a report.
+macro_rules! rooms {
+    ($($room:ident($report:ty)),*) => {
+        $(impl From<$report> for Report {
+            fn from(report: $report) -> Self {
+                Self::$room(report)
+            }
+        })*
+    };
+}
+
+rooms!(
+    Record(RecordReport),
+    WorldModel(WorldModelReport),
+    Dream(DreamReport),
+    Label(LabelReport),
+    Reward(RewardReport),
+    Deploy(DeployReport),
+    Session(SessionReport),
+    Job(JobReport)
+);
 
 /// How well the reward fits.
 #[derive(Clone, Debug, PartialEq)]
@@ -154,3 +425,86 @@ pub struct Learning {
     /// Whether a full fit is under way, and how many epochs it will have.
     pub fit_epochs: Option<usize>,
 }
+
+/// A worker.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+#[expect(missing_docs, reason = "each is called as its module")]
+pub enum WorkerName {
+    Dreamer,
+    Clipper,
+    Screener,
+    Synthesizer,
+    Trainer,
+    Driver,
+    DreamInspector,
+    Recorder,
+    EpisodeBrowser,
+    Modeler,
+    SessionWriter,
+    Jobs,
+}
+
+impl WorkerName {
+    /// All of them.
+    pub const ALL: [Self; 12] = [
+        Self::Dreamer,
+        Self::Clipper,
+        Self::Screener,
+        Self::Synthesizer,
+        Self::Trainer,
+        Self::Driver,
+        Self::DreamInspector,
+        Self::Recorder,
+        Self::EpisodeBrowser,
+        Self::Modeler,
+        Self::SessionWriter,
+        Self::Jobs,
+    ];
+
+    /// What its thread is called; Linux shows no more than 15 letters.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Dreamer => "dreamer",
+            Self::Clipper => "clipper",
+            Self::Screener => "screener",
+            Self::Synthesizer => "synthesizer",
+            Self::Trainer => "trainer",
+            Self::Driver => "driver",
+            Self::DreamInspector => "dream inspector",
+            Self::Recorder => "recorder",
+            Self::EpisodeBrowser => "episode browser",
+            Self::Modeler => "modeler",
+            Self::SessionWriter => "session writer",
+            Self::Jobs => "jobs",
+        }
+    }
+}
+
+/// A worker met an error, or has died of a bug.
+#[derive(Debug)]
+pub struct WorkerFailure {
+    /// Which worker.
+    pub worker: WorkerName,
+    /// What it met.
+    pub error: WorkerError,
+}
+
+/// What a worker meets.
+#[derive(Debug, thiserror::Error)]
+pub enum WorkerError {
+    /// It has died of a bug; the text is that of the panic.
+    #[error("this is a bug of ours: {0}")]
+    Panicked(String),
+    /// It was told to stop.
+    #[error("stopped")]
+    Stopped,
+    /// It gave up what it was doing, and can be asked to do it again.
+    #[error("{0}")]
+    GaveUp(Cause),
+    /// It lives on.
+    #[error("{0}")]
+    Met(Cause),
+}
+
+/// The cause of an error, as it is said.
+pub type Cause = Arc<dyn std::error::Error + Send + Sync>;

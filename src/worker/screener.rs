@@ -6,10 +6,10 @@ use std::thread;
 use std::time::Instant;
 
 use crate::tensor::Parameters;
-use crate::worker::{Report, Reports, ScreenerCommand, Worker, one_thread};
+use crate::worker::{LabelReport, Reports, ScreenerCommand, Worker, WorkerError, WorkerName, one_thread};
 use crate::world_model::WorldModel;
 
-const NAME: &str = "screener";
+const NAME: WorkerName = WorkerName::Screener;
 
 /// Starts a thread that looks for the signs of dreams of `model`.
 pub fn spawn(model: Parameters, reports: &Reports) -> Worker<ScreenerCommand> {
@@ -21,9 +21,9 @@ pub fn screen(
     commands: &Receiver<ScreenerCommand>,
     reports: &Reports,
     model: Parameters,
-) -> Result<(), String> {
+) -> Result<(), WorkerError> {
     one_thread();
-    let model = WorldModel::load(model).map_err(|e| e.to_string())?;
+    let model = WorldModel::load(model)?;
     let mut waiting = VecDeque::new();
     while let Some(ScreenerCommand::AddDream(dream, episode)) =
         waiting.pop_front().or_else(|| commands.recv().ok())
@@ -45,7 +45,7 @@ pub fn screen(
             }
         });
         let Some(signs) = signs else { return Ok(()) };
-        reports.send(Report::Signs { dream, seed: episode.seed, signs });
+        reports.send(LabelReport::Signs { dream, seed: episode.seed, signs });
     }
     Ok(())
 }
@@ -56,22 +56,22 @@ mod tests {
 
     use super::*;
     use crate::query::DreamId;
-    use crate::worker::toy;
+    use crate::worker::{Report, fixtures};
 
     #[test]
     fn the_signs_of_each_dream_are_reported() {
         let (reports, inbox) = Reports::new(|| ());
-        let screener = spawn(toy::model().parameters().clone(), &reports);
+        let screener = spawn(fixtures::model().parameters().clone(), &reports);
         for id in 1..3 {
-            let dream = Arc::new(toy::dream(id, 60));
+            let dream = Arc::new(fixtures::dream(id, 60));
             screener.send(ScreenerCommand::AddDream(DreamId(id as u32), dream));
         }
         for id in 1..3 {
-            let Report::Signs { dream, seed, signs } = inbox.recv().unwrap() else {
+            let Report::Label(LabelReport::Signs { dream, seed, signs }) = inbox.recv().unwrap() else {
                 panic!("another report")
             };
             assert_eq!((dream, seed, signs.len()), (DreamId(id as u32), id, 60));
-            assert_eq!(signs, toy::dream(id, 60).signs(&toy::model(), || true).unwrap());
+            assert_eq!(signs, fixtures::dream(id, 60).signs(&fixtures::model(), || true).unwrap());
         }
     }
 }

@@ -11,12 +11,13 @@ use crate::dream::Rows;
 use crate::planner::synthesis::{Acquisition, SynthesisConfig, synthesize};
 use crate::reward::{RewardKind, SparseConfig, SparseReward};
 use crate::tensor::{Parameters, from_slice};
-use crate::worker::{Report, Reports, SynthesizerCommand, Worker, one_thread};
+use crate::worker::error::TaskError;
+use crate::worker::{LabelReport, Reports, SynthesizerCommand, Worker, WorkerError, WorkerName, one_thread};
 use crate::world_model::{LatentState, WorldModel};
 
-const NAME: &str = "synthesizer";
-/// How far it is is told no more often than this: where a window is painted in software, showing it costs time too.
-const TELL_EVERY: Duration = Duration::from_secs(1);
+const NAME: WorkerName = WorkerName::Synthesizer;
+/// How far it is is reported no more often than this: where a window is painted in software, showing it costs time too.
+const REPORT_EVERY: Duration = Duration::from_secs(1);
 
 /// Starts a thread that makes trajectories of `model`.
 pub fn spawn(model: Parameters, config: SynthesisConfig, reports: &Reports) -> Worker<SynthesizerCommand> {
@@ -29,14 +30,14 @@ pub fn make(
     reports: &Reports,
     model: Parameters,
     config: &SynthesisConfig,
-) -> Result<(), String> {
+) -> Result<(), WorkerError> {
     one_thread();
-    let model = WorldModel::load(model).map_err(|e| e.to_string())?;
+    let model = WorldModel::load(model)?;
     let mut next = None;
     while let Some(command) = next.take().or_else(|| commands.recv().ok()) {
         let SynthesizerCommand::Make { start, acquisition, reward, seen, seed } = command else { continue };
         let wanted = Wanted { start, acquisition, reward, seen, seed };
-        // Whatever is said meanwhile ends this one: it is no longer wanted, or another is, or nobody is there.
+        // Whatever comes meanwhile ends this one: it is no longer wanted, or another is, or nobody is there.
         let is_wanted = || match commands.try_recv() {
             Err(TryRecvError::Empty) => ControlFlow::Continue(()),
             Err(TryRecvError::Disconnected) => ControlFlow::Break(()),
@@ -48,7 +49,7 @@ pub fn make(
         match wanted.make(&model, config, reports, is_wanted) {
             Ok(Some(report)) => reports.send(report),
             Ok(None) => {}
-            Err(e) => reports.fail(NAME, e),
+            Err(e) => reports.fail(NAME, e.gave_up()),
         }
     }
     Ok(())
@@ -71,17 +72,17 @@ impl Wanted {
         config: &SynthesisConfig,
         reports: &Reports,
         mut is_wanted: impl FnMut() -> ControlFlow<()>,
-    ) -> Result<Option<Report>, String> {
+    ) -> Result<Option<LabelReport>, WorkerError> {
         let &Self { acquisition, seed, ref seen, .. } = self;
         let rng = &mut ChaCha8Rng::seed_from_u64(seed);
         let reward = self.classifier(model, rng)?;
         let seen = (!seen.is_empty()).then(|| from_slice(&seen.values, &[-1, seen.width as i64]));
         let n = config.iterations;
-        let mut told = None::<Instant>;
+        let mut reported = None::<Instant>;
         let on_iteration = &mut |done| {
-            if told.is_none_or(|told| told.elapsed() >= TELL_EVERY) {
-                told = Some(Instant::now());
-                reports.send(Report::Synthesizing { seed, done, n });
+            if reported.is_none_or(|reported| reported.elapsed() >= REPORT_EVERY) {
+                reported = Some(Instant::now());
+                reports.send(LabelReport::Synthesizing { seed, done, n });
             }
             is_wanted()
         };
@@ -89,12 +90,12 @@ impl Wanted {
         let made = synthesize(model, &reward, &wanted, seen.as_ref(), config, rng, on_iteration)?;
         Ok(made.and_then(|mut made| made.pop()).map(|mut episode| {
             episode.seed = seed;
-            Report::Synthesized { episode, acquisition }
+            LabelReport::Synthesized { episode, acquisition }
         }))
     }
 
-    /// What it is judged by: the classifier that was learned, or a fresh one where none was.
-    fn classifier(&self, model: &WorldModel, rng: &mut ChaCha8Rng) -> Result<SparseReward, String> {
+    /// What it is scored by: the classifier that was learned, or a fresh one where none was.
+    fn classifier(&self, model: &WorldModel, rng: &mut ChaCha8Rng) -> Result<SparseReward, WorkerError> {
         let learned = self
             .reward
             .as_ref()
@@ -107,11 +108,9 @@ impl Wanted {
                 rng,
             ));
         };
-        let reward = SparseReward::load(learned).map_err(|e| e.to_string())?;
-        let fits = reward.require(model.identity());
-        fits.map(|()| reward).map_err(|e| {
-            format!("this classifier was learned in another world model ({e}): fit the reward anew")
-        })
+        let reward = SparseReward::load(learned)?;
+        reward.require(model.identity()).map_err(TaskError::OtherClassifier)?;
+        Ok(reward)
     }
 }
 
@@ -121,10 +120,10 @@ mod tests {
 
     use super::*;
     use crate::query::TRAJECTORY_LEN;
-    use crate::worker::toy;
+    use crate::worker::{Report, fixtures};
 
     fn wish(seed: u64, reward: Option<Parameters>) -> SynthesizerCommand {
-        let (start, acquisition) = (toy::start(), Acquisition::Novelty);
+        let (start, acquisition) = (fixtures::start(), Acquisition::Novelty);
         let seen = Rows { width: 4, values: vec![0.1; 8] };
         SynthesizerCommand::Make { start, acquisition, reward, seen, seed }
     }
@@ -133,18 +132,20 @@ mod tests {
         SynthesisConfig { iterations, ..SynthesisConfig::paper() }
     }
 
-    /// What comes of `commands`, which are all there before the first is heard.
+    /// What comes of `commands`, which are all there before the first is received.
     fn reports_of(commands: impl IntoIterator<Item = SynthesizerCommand>) -> Vec<Report> {
-        let (sender, heard) = channel();
+        let (sender, received) = channel();
         commands.into_iter().for_each(|command| sender.send(command).unwrap());
         let (reports, inbox) = Reports::new(|| ());
         let worker = std::thread::Builder::new().spawn(move || {
-            let model = toy::model().parameters().clone();
-            make(&heard, &reports, model, &few(2)).unwrap();
+            let model = fixtures::model().parameters().clone();
+            make(&received, &reports, model, &few(2)).unwrap();
         });
-        let made = |report: &Report| matches!(report, Report::Synthesized { .. } | Report::Failed { .. });
+        let made = |report: &Report| {
+            matches!(report, Report::Label(LabelReport::Synthesized { .. }) | Report::Failed(_))
+        };
         let mut all = Vec::new();
-        for report in &inbox {
+        for report in inbox.iter() {
             let is_last = made(&report);
             all.push(report);
             if is_last {
@@ -153,7 +154,7 @@ mod tests {
         }
         drop(sender);
         worker.unwrap().join().unwrap();
-        all.extend(inbox);
+        all.extend(inbox.iter());
         all
     }
 
@@ -161,15 +162,21 @@ mod tests {
     fn a_trajectory_is_made_from_its_start_and_the_same_for_the_same_seed() {
         let made = |seed| {
             let reports = reports_of([wish(seed, None)]);
-            assert!(matches!(reports[0], Report::Synthesizing { done: 1, n: 2, .. }), "{reports:?}");
+            assert!(
+                matches!(reports[0], Report::Label(LabelReport::Synthesizing { done: 1, n: 2, .. })),
+                "{reports:?}"
+            );
             match reports.into_iter().last() {
-                Some(Report::Synthesized { episode, acquisition: Acquisition::Novelty }) => episode,
+                Some(Report::Label(LabelReport::Synthesized {
+                    episode,
+                    acquisition: Acquisition::Novelty,
+                })) => episode,
                 other => panic!("{other:?}"),
             }
         };
         let episode = made(7);
-        assert_eq!((episode.len(), episode.seed, &episode.start), (TRAJECTORY_LEN, 7, &toy::start()));
-        assert_eq!(episode.zs.row(0), toy::start().z);
+        assert_eq!((episode.len(), episode.seed, &episode.start), (TRAJECTORY_LEN, 7, &fixtures::start()));
+        assert_eq!(episode.zs.row(0), fixtures::start().z);
         assert_eq!(episode, made(7));
     }
 
@@ -177,7 +184,7 @@ mod tests {
     fn who_is_told_to_stop_or_to_make_another_makes_no_more_of_the_first() {
         let seeds = |commands: Vec<SynthesizerCommand>| -> Vec<u64> {
             let made = |report| match report {
-                Report::Synthesized { episode, .. } => Some(episode.seed),
+                Report::Label(LabelReport::Synthesized { episode, .. }) => Some(episode.seed),
                 _ => None,
             };
             reports_of(commands).into_iter().filter_map(made).collect()
@@ -190,9 +197,10 @@ mod tests {
     fn who_is_dismissed_ends_in_the_midst_of_it() {
         let (reports, inbox) = Reports::new(|| ());
         // It would take days.
-        let worker = spawn(toy::model().parameters().clone(), few(10_000_000), &reports);
+        let worker = spawn(fixtures::model().parameters().clone(), few(10_000_000), &reports);
         worker.send(wish(1, None));
-        assert!(matches!(inbox.recv().unwrap(), Report::Synthesizing { seed: 1, .. }));
+        let report = inbox.recv().unwrap();
+        assert!(matches!(report, Report::Label(LabelReport::Synthesizing { seed: 1, .. })), "{report:?}");
         drop(worker.dismiss());
     }
 
@@ -201,7 +209,8 @@ mod tests {
         let rng = &mut ChaCha8Rng::seed_from_u64(0);
         let other = SparseReward::new(36, "sha256:other", SparseConfig::tiny(), rng).parameters();
         let reports = reports_of([wish(1, Some(other))]);
-        let [Report::Failed { message, .. }] = &reports[..] else { panic!("{reports:?}") };
+        let [Report::Failed(failure)] = &reports[..] else { panic!("{reports:?}") };
+        let message = failure.error.to_string();
         assert!(message.contains("another world model"), "{message}");
     }
 }

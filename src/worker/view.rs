@@ -36,34 +36,34 @@ pub struct LiveView {
     pub wheels_off: Option<u8>,
 }
 
-/// How a dream rides beside the real car.
+/// How a rollout of the world model is compared with the real car.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Beside {
+pub struct RolloutComparison {
     /// After how many steps it looks at the real world and begins anew, if ever.
     pub reset: Option<usize>,
 }
 
-/// A dream beside the real car, under the same actions.
+/// A rollout of the world model beside the real car, under the same actions.
 #[derive(Clone, Debug)]
-pub struct BesideView {
+pub struct RolloutView {
     /// What is dreamt.
     pub frame: Frame,
     /// The step of the real car.
     pub step: usize,
-    /// How many steps ago the dream last saw the real world.
+    /// How many steps ago the rollout last saw the real world.
     pub since: usize,
     /// How far the dream's picture is from the real one: the root of the mean squared difference, in `[0, 1]`.
     pub drift: f32,
 }
 
-/// What the planner thinks of one course of action.
+/// What is predicted of one course of action.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Promise {
     /// Its actions in words, run by run: `left 4 · straight 11`.
     pub actions: String,
-    /// What the reward promises of it.
+    /// The return that the reward predicts of it.
     pub now: f32,
-    /// What the reward promised that it is compared with.
+    /// The return that the reward predicted which it is compared with.
     pub before: Option<f32>,
 }
 
@@ -86,7 +86,7 @@ pub struct ReviewView {
 
 /// What the reward says of every step of a dream.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Judgement {
+pub struct DreamRewards {
     /// Which dream.
     pub dream: DreamId,
     /// The mean of the ensemble, step by step.
@@ -115,7 +115,7 @@ impl ClipRewards {
 
 /// What a folder of recordings holds.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Shelf {
+pub struct EpisodeList {
     /// The `LeRobot` folder.
     pub dataset: PathBuf,
     /// Its sealed episodes, in the order of their numbers.
@@ -124,7 +124,7 @@ pub struct Shelf {
     pub damaged: Vec<String>,
     /// The episode that was deleted last, if it can be brought back.
     pub deleted: Option<Summary>,
-    /// Whether this is told because an episode was deleted or brought back, or was to be.
+    /// Whether this is reported because an episode was deleted or brought back, or was to be.
     pub is_changed: bool,
 }
 
@@ -159,13 +159,13 @@ pub struct EpisodeView {
 pub struct CandidateView {
     /// Its actions in words, run by run: `left 4 · straight 11`.
     pub actions: String,
-    /// What the reward promises of it.
+    /// The return that the reward predicts.
     pub predicted_return: f32,
     /// Its last picture, and a few on the way.
     pub frames: Vec<Frame>,
 }
 
-/// The real car under the planner, and what it thought of.
+/// The real car under the planner, and the plans that it considered.
 #[derive(Clone, Debug)]
 pub struct DriveView {
     /// What the models see.

@@ -33,6 +33,11 @@ impl ModelIdentity {
         self.parameters.hash() == hash || self.parameters.other_hash(|_| self.relaid()) == Some(hash)
     }
 
+    /// Whether `one` and `other` call the same model, as far as that can be told: they are alike, or both call `known`.
+    pub fn are_same(known: Option<&Self>, one: &str, other: &str) -> bool {
+        one == other || known.is_some_and(|known| known.is(one) && known.is(other))
+    }
+
     /// The same parameters in the other layout of the two that there are.
     pub fn relaid(&self) -> Option<Parameters> {
         self.stored_in(if self.layout == LAYOUT { 1 } else { LAYOUT })
@@ -101,6 +106,12 @@ mod tests {
         assert!(model.is(&model.hash()) && model.is(&earlier.hash()) && !model.is("sha256:00"));
         assert_eq!(earlier.tensor("vae.conv1.weight").unwrap().size(), [48, 290], "as it lies in memory");
         assert_eq!(model.parameters().tensor("vae.conv1.weight").unwrap().size(), [290, 3, 4, 4]);
+
+        let known = Some(model.identity());
+        assert!(ModelIdentity::are_same(known, &model.hash(), &earlier.hash()));
+        assert!(ModelIdentity::are_same(None, "sha256:00", "sha256:00"));
+        assert!(!ModelIdentity::are_same(None, &model.hash(), &earlier.hash()), "who knows?");
+        assert!(!ModelIdentity::are_same(known, &model.hash(), "sha256:00"));
 
         let again = WorldModel::load(earlier).unwrap();
         assert_eq!((again.identity().layout(), model.identity().layout()), (1, LAYOUT));

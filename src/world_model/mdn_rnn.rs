@@ -349,6 +349,50 @@ mod tests {
         }
     }
 
+    // In NumPy, after PyTorch's page on LSTMCell, whose gates are i, f, g, o:
+    //
+    //   from numpy import *
+    //   Z, M, K = 2, 3, 2
+    //   of = lambda *shape: 0.5 * cos(arange(prod(shape))).reshape(shape)
+    //   w_ih, w_hh, b_ih, b_hh = of(4 * M, Z + 3), of(4 * M, M), of(4 * M), of(4 * M)
+    //   W, b = of(3 * K * Z, M), of(3 * K * Z)
+    //   z, a, c, h = array([0.3, -0.8]), array([0.5, 0.2, 0.0]), array([0.1, -0.2, 0.3]), array([0.4, 0.0, -0.1])
+    //   s = lambda x: 1 / (1 + exp(-x))
+    //   i, f, g, o = split(w_ih @ concatenate([z, a]) + b_ih + w_hh @ h + b_hh, 4)
+    //   c = s(f) * c + s(i) * tanh(g); h = s(o) * tanh(c)
+    //   logits, mean, log_std = moveaxis((W @ h + b).reshape(Z, 3, K), 1, 0)
+    //   pi = exp(logits); pi /= pi.sum(1, keepdims=True)
+    //   sharp = exp(log(pi) / 0.1); sharp /= sharp.sum(1, keepdims=True)
+    //   c, h, pi, mean, log_std, (pi * mean).sum(1), (sharp * mean).sum(1)
+    #[test]
+    fn a_step_and_what_it_expects_are_those_of_the_formulas() {
+        let store = nn::VarStore::new(Device::Cpu);
+        let config = MdnRnnConfig { latent: 2, memory: 3, components: 2 };
+        let mdn_rnn = MdnRnn::new(&store.root(), config, &mut rng());
+        for (_, mut variable) in store.variables() {
+            let values: Vec<_> = (0..variable.numel()).map(|i| 0.5 * (i as f32).cos()).collect();
+            tch::no_grad(|| variable.copy_(&from_slice(&values, &variable.size())));
+        }
+        let memory =
+            Memory { c: from_slice(&[0.1, -0.2, 0.3], &[1, 3]), h: from_slice(&[0.4, 0.0, -0.1], &[1, 3]) };
+        let (z, action) = (from_slice(&[0.3, -0.8], &[1, 2]), from_slice(&[0.5, 0.2, 0.0], &[1, 3]));
+        let memory = mdn_rnn.remember(&z, &action, &memory);
+        let mixture = mdn_rnn.mixture(&memory.h);
+        for (what, found, wanted) in [
+            ("c", &memory.c, &[0.557_973_7, 0.304_910_2, 0.216_360_2][..]),
+            ("h", &memory.h, &[0.136_951_2, 0.071_970_6, 0.103_640_8]),
+            ("π", &mixture.log_pi.exp(), &[0.592_139, 0.407_861, 0.575_951_8, 0.424_048_2]),
+            ("m", &mixture.mean, &[-0.122_735_7, -0.587_351_3, 0.025_488_2, -0.548_973_8]),
+            ("s", &mixture.log_std, &[-0.229_297_9, 0.041_090_3, -0.332_826_2, -0.076_062]),
+            ("the mean", &mixture.mean(1.0), &[-0.312_234_3, -0.218_111_3]),
+            ("the mean at 0.1", &mixture.mean(0.1), &[-0.133_641_6, -0.000_197_1]),
+        ] {
+            for (found, wanted) in to_vec(found).into_iter().zip(wanted) {
+                assert!((found - wanted).abs() < 1e-5, "{what}: {found} instead of {wanted}");
+            }
+        }
+    }
+
     #[test]
     fn running_a_sequence_is_remembering_step_by_step() {
         let store = nn::VarStore::new(Device::Cpu);

@@ -14,6 +14,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::time::{Duration, Instant};
 
+use dropj::app::{FirstWorld, Panel, Startup};
 use dropj::dream::DreamEpisode;
 use dropj::env::{Action, Aids, CarRacing, Env, Seed};
 use dropj::planner::PlannerConfig;
@@ -21,10 +22,11 @@ use dropj::planner::synthesis::SynthesisConfig;
 use dropj::reward::RewardConfig;
 use dropj::session::{DreamSource, Header, LoadedSession, SessionStore};
 use dropj::tensor::{Parameters, from_slice};
-use dropj::ui::{
-    App, Crew as _, DreamStart, FirstWorld, LoadedWorld, NoPads, Panel, Plans, Slots, Startup, Threads,
+use dropj::ui::{NoPads, Window, WindowStartup};
+use dropj::worker::{
+    DreamStart, Job, LoadedWorld, Report, Reports, RewardReport, Slots, Threads, TrainerCommand,
+    WorkerConfig, Workers, trainer,
 };
-use dropj::worker::{Job, Report, Reports, TrainerCommand, trainer};
 use dropj::world_model::fit::FitConfig;
 use dropj::world_model::{LatentState, WorldModel, WorldModelConfig};
 use eframe::egui::{Key, vec2};
@@ -52,7 +54,7 @@ fn main() {
     let (mut harness, slots) = window(dir.path(), &session, &world);
     harness.step();
     println!("first frame after {:.0} ms", began.elapsed().as_secs_f64() * 1e3);
-    while harness.query_by_label("Drive").is_none() || harness.state().session().is_none() {
+    while harness.query_by_label("Drive").is_none() || harness.state().app().open().is_none() {
         harness.step();
         std::thread::sleep(FRAME);
     }
@@ -95,9 +97,9 @@ fn main() {
 }
 
 /// Opens a session of many dreams, and says how long the window stood still for it.
-fn opening(harness: &mut Harness<'_, App>, sessions: &Path) {
+fn opening(harness: &mut Harness<'_, Window>, sessions: &Path) {
     let dir = sessions.join("long");
-    let header = Header { created_at: 0, ..harness.state().session().unwrap().header().clone() };
+    let header = Header { created_at: 0, ..harness.state().app().open().unwrap().header().clone() };
     let mut store = SessionStore::create(&dir, header).unwrap();
     let start = LatentState { z: vec![0.0; 32], c: vec![0.0; 256], h: vec![0.0; 256] };
     for seed in 0..N_DREAMS {
@@ -122,7 +124,7 @@ fn opening(harness: &mut Harness<'_, App>, sessions: &Path) {
     }
     harness.get_by_label("long").click();
     let (began, mut longest) = (Instant::now(), (Duration::ZERO, 0));
-    let is_open = |harness: &Harness<'_, App>| harness.state().session().unwrap().dir() == dir;
+    let is_open = |harness: &Harness<'_, Window>| harness.state().app().open().unwrap().dir() == dir;
     while !is_open(harness) {
         let (frame, cpu) = (Instant::now(), cpu_nanos());
         harness.step();
@@ -140,7 +142,7 @@ fn opening(harness: &mut Harness<'_, App>, sessions: &Path) {
 }
 
 /// Draws `panel` again and again, and says what that cost.
-fn measure(harness: &mut Harness<'_, App>, slots: &Slots, panel: Panel) {
+fn measure(harness: &mut Harness<'_, Window>, slots: &Slots, panel: Panel) {
     let mut costs = Vec::new();
     let mut pace = None;
     for _ in 0..N_FRAMES {
@@ -175,8 +177,8 @@ fn cpu_nanos() -> u64 {
     text.split_whitespace().next().unwrap().parse().unwrap()
 }
 
-fn window(dir: &Path, session: &Path, world: &Path) -> (Harness<'static, App>, Slots) {
-    let plans = Plans {
+fn window(dir: &Path, session: &Path, world: &Path) -> (Harness<'static, Window>, Slots) {
+    let config = WorkerConfig {
         env: Box::new(|_: Aids| -> Box<dyn Env> { Box::new(CarRacing::new(Seed::Native(0))) }),
         env_name: "car-racing".to_owned(),
         world: WorldModelConfig::car_racing(),
@@ -184,24 +186,25 @@ fn window(dir: &Path, session: &Path, world: &Path) -> (Harness<'static, App>, S
         reward: RewardConfig::car_racing(),
         planner: PlannerConfig::car_racing(),
         synthesis: SynthesisConfig::paper(),
+        load: Arc::new(|path| Ok(load(path))),
     };
     let (share, shared) = std::sync::mpsc::channel();
-    let startup = Startup {
+    let app = Startup {
         env: "car-racing".to_owned(),
         sessions: dir.to_owned(),
         dataset: dir.join("data"),
         world: FirstWorld::In(world.to_owned()),
         session: Some(SessionStore::open(session, None).unwrap()),
-        load: Arc::new(|path| Ok(load(path))),
-        hire: Box::new(move |reports, model| {
-            let threads = Threads::new(plans, reports, model);
-            share.send(threads.slots()).unwrap();
-            Box::new(threads)
-        }),
-        input: Box::new(NoPads),
+        seed: 1,
     };
+    let workers = Box::new(move |wake| -> Box<dyn Workers> {
+        let threads = Threads::new(config, None, wake);
+        share.send(threads.slots()).unwrap();
+        Box::new(threads)
+    });
+    let startup = WindowStartup { app, workers, input: Box::new(NoPads) };
     let builder = Harness::builder().with_size(vec2(1280.0, 720.0)).with_step_dt(FRAME.as_secs_f32());
-    let harness = builder.build_eframe(|cc| App::new(cc, startup));
+    let harness = builder.build_eframe(|cc| Window::new(cc, startup));
     (harness, shared.recv().unwrap())
 }
 
@@ -239,7 +242,7 @@ fn keep_fitting(session: &Path, world: &Path, is_over: &AtomicBool, n_fits: &Ato
         trainer.send(TrainerCommand::Fit { seed });
         seed += 1;
         while let Ok(report) = inbox.recv() {
-            if matches!(report, Report::Learned { fit: Some(_), .. }) {
+            if matches!(report, Report::Reward(RewardReport::Learned { fit: Some(_), .. })) {
                 n_fits.fetch_add(1, Ordering::Relaxed);
                 break;
             }

@@ -13,6 +13,7 @@ mod files;
 mod format;
 mod networks;
 mod numbers;
+mod run_files;
 mod sessions;
 mod starting;
 #[cfg(target_os = "linux")]

@@ -5,19 +5,19 @@ use std::time::Duration;
 
 use dropj::query::{DreamId, Weights};
 use dropj::session::Event as Happened;
-use dropj::worker::{Beside, BesideView, ReviewerCommand};
+use dropj::worker::{DreamInspectorCommand, LoadWorldModel, RolloutComparison, RolloutView};
 use eframe::egui::accesskit::Role;
 
 use super::looks::{judgement, learning, review};
 use super::*;
 
-fn click(harness: &mut Harness<'_, App>, label: &str) {
+fn click(harness: &mut Harness<'_, Window>, label: &str) {
     harness.get_by_label(label).click();
     harness.run_steps(2);
 }
 
 /// A window on the dream panel of a session with two dreams.
-fn kept(dir: &Path) -> (Harness<'static, App>, Backstage) {
+fn kept(dir: &Path) -> (Harness<'static, Window>, Backstage) {
     let (harness, backstage) = window(dir, Some(session(dir, Protocol::Dropj)), vec2(1280.0, 800.0), false);
     backstage.orders();
     (harness, backstage)
@@ -26,8 +26,8 @@ fn kept(dir: &Path) -> (Harness<'static, App>, Backstage) {
 /// The steps that the reviewer was asked to draw.
 fn looks(backstage: &Backstage) -> Vec<(DreamId, usize)> {
     let orders = backstage.orders();
-    let look = |order: &Order| match order {
-        Order::Reviewer(ReviewerCommand::Look { dream, step }) => Some((*dream, *step)),
+    let look = |order: &WorkerCommand| match order {
+        WorkerCommand::DreamInspector(DreamInspectorCommand::Show { dream, step }) => Some((*dream, *step)),
         _ => None,
     };
     orders.iter().filter_map(look).collect()
@@ -49,7 +49,7 @@ fn a_kept_dream_is_looked_at_again_step_by_step() {
     assert!(played.last().is_some_and(|(_, step)| *step > 5), "it plays: {played:?}");
     press(&mut harness, Key::P);
     backstage.slots.review.put(review(DreamId(0)));
-    backstage.report(Report::Judged(judgement(DreamId(0))));
+    backstage.report(Report::Dream(DreamReport::Rewards(judgement(DreamId(0)))));
     harness.run_steps(2);
     harness.get_by_label_contains(": reward ");
     press(&mut harness, Key::PageDown);
@@ -62,12 +62,13 @@ fn a_kept_dream_is_looked_at_again_step_by_step() {
 fn a_dream_that_no_answer_rests_on_is_deleted_and_brought_back() {
     let dir = tempfile::tempdir().unwrap();
     let (mut harness, _) = kept(dir.path());
-    let lens = |harness: &Harness<'_, App>| harness.state().session().unwrap().session().dream_lens().len();
+    let lens =
+        |harness: &Harness<'_, Window>| harness.state().app().open().unwrap().session().dream_lens().len();
     click(&mut harness, "Dream 2: 90 steps");
     press(&mut harness, Key::Delete);
     assert_eq!(lens(&harness), 1);
     assert!(harness.query_by_label("Dream 2: 90 steps").is_none(), "it is gone from the list");
-    let file = harness.state().session().unwrap().dir().join("dreams/0001.safetensors");
+    let file = harness.state().app().open().unwrap().dir().join("dreams/0001.safetensors");
     assert!(file.exists(), "but not from the disk");
     click(&mut harness, "Bring it back");
     assert_eq!(lens(&harness), 2);
@@ -86,7 +87,7 @@ fn a_dream_that_answers_rest_on_is_not_deleted_and_says_why() {
     click(&mut harness, "Dream 1: 200 steps");
     press(&mut harness, Key::Delete);
     harness.get_by_label_contains("answers rest on it");
-    assert_eq!(harness.state().session().unwrap().session().dream_lens().len(), 2);
+    assert_eq!(harness.state().app().open().unwrap().session().dream_lens().len(), 2);
 }
 
 #[test]
@@ -103,19 +104,20 @@ fn other_weights_change_the_labels_and_the_reward_is_learned_anew() {
     slider.expect("there is a slider for it").focus();
     harness.run_steps(2);
     press(&mut harness, Key::ArrowRight);
-    let store = harness.state().session().unwrap();
+    let store = harness.state().app().open().unwrap();
     let default = store.session().weights().default;
     assert!(default > 0.75, "{default}");
     let log = std::fs::read_to_string(store.dir().join("events.jsonl")).unwrap();
     assert!(log.contains("weights_changed"), "it is written down");
     let orders = backstage.orders();
     let learned = orders.iter().any(
-        |order| matches!(order, Order::Trainer(TrainerCommand::Learn(_, label)) if label.mu() == default),
+        |order| matches!(order, WorkerCommand::Trainer(TrainerCommand::Learn(_, label)) if label.mu() == default),
     );
-    let relearned = orders.iter().any(|order| matches!(order, Order::Trainer(TrainerCommand::Relearn)));
+    let relearned =
+        orders.iter().any(|order| matches!(order, WorkerCommand::Trainer(TrainerCommand::Relearn)));
     assert!(learned && relearned, "{orders:?}");
     click(&mut harness, "As at first");
-    let session = harness.state().session().unwrap().session();
+    let session = harness.state().app().open().unwrap().session();
     assert_eq!(session.weights(), &Weights::car_racing());
 }
 
@@ -125,13 +127,19 @@ fn the_wheel_of_a_dream_is_handed_over_with_one_key() {
     let (mut harness, backstage) = dreaming(dir.path());
     press(&mut harness, Key::M);
     harness.get_by_label_contains("The planner needs a reward");
-    backstage.report(Report::Learned { parameters: world().parameters, n_labels: 12, fit: None });
+    backstage.report(Report::Reward(RewardReport::Learned {
+        parameters: world().parameters,
+        n_labels: 12,
+        fit: None,
+    }));
     harness.run_steps(2);
     backstage.orders();
     press(&mut harness, Key::M);
     let orders = backstage.orders();
-    let [Order::Dreamer(DreamerCommand::Reward(_)), Order::Dreamer(DreamerCommand::HandOver(true))] =
-        &orders[..]
+    let [
+        WorkerCommand::Dreamer(DreamerCommand::Reward(_)),
+        WorkerCommand::Dreamer(DreamerCommand::HandOver(true)),
+    ] = &orders[..]
     else {
         panic!("{orders:?}")
     };
@@ -139,7 +147,7 @@ fn the_wheel_of_a_dream_is_handed_over_with_one_key() {
     harness.run_steps(2);
     click(&mut harness, "Take over");
     assert!(
-        matches!(backstage.orders().last(), Some(Order::Dreamer(DreamerCommand::HandOver(false)))),
+        matches!(backstage.orders().last(), Some(WorkerCommand::Dreamer(DreamerCommand::HandOver(false)))),
         "and taken back"
     );
 }
@@ -157,12 +165,15 @@ fn a_recording_that_is_being_sealed_cannot_be_thrown_away() {
         press(&mut harness, key);
     }
     let orders = backstage.orders_but_lists();
-    assert!(matches!(&orders[..], [Order::Recorder(RecorderCommand::Keep)]), "{orders:?}");
-    backstage.report(Report::Recorded { episode: 0, n_steps: 30 });
+    assert!(matches!(&orders[..], [WorkerCommand::Recorder(RecorderCommand::Keep)]), "{orders:?}");
+    backstage.report(Report::Record(RecordReport::Recorded { episode: 0, n_steps: 30 }));
     harness.run_steps(2);
     press(&mut harness, Key::Enter);
     assert!(
-        matches!(backstage.orders_but_lists()[..], [Order::Recorder(RecorderCommand::Start { seed: 2, .. })]),
+        matches!(
+            backstage.orders_but_lists()[..],
+            [WorkerCommand::Recorder(RecorderCommand::Start { seed: 2, .. })]
+        ),
         "another can be begun"
     );
 }
@@ -172,29 +183,31 @@ fn a_window_opens_while_its_world_model_is_being_read() {
     let dir = tempfile::tempdir().unwrap();
     let (go_on, wait) = channel::<()>();
     let wait = Mutex::new(wait);
-    let startup = |backstage: &Backstage| Startup {
-        world: FirstWorld::In("slow.safetensors".into()),
-        load: Arc::new(move |_| {
-            wait.lock().unwrap().recv().ok();
-            Ok(world())
-        }),
-        ..startup(dir.path(), Some(session(dir.path(), Protocol::Dropj)), backstage)
-    };
     let backstage = Backstage::default();
-    let startup = startup(&backstage);
+    let mut startup = startup(dir.path(), Some(session(dir.path(), Protocol::Dropj)), &backstage);
+    startup.app.world = FirstWorld::In("slow.safetensors".into());
+    let load: LoadWorldModel = Arc::new(move |_| {
+        wait.lock().unwrap().recv().ok();
+        Ok(world())
+    });
+    startup.workers = Box::new(move |wake| {
+        *backstage.jobs.lock().unwrap() =
+            Some(Threads::new(WorkerConfig { load, ..worker_config() }, None, wake));
+        Box::new(backstage)
+    });
     let builder = Harness::builder().with_size(vec2(1280.0, 800.0));
-    let mut harness = builder.build_eframe(|cc| App::new(cc, startup));
+    let mut harness = builder.build_eframe(|cc| Window::new(cc, startup));
     harness.run_steps(3);
     harness.get_by_label("Reading the world model…");
-    assert!(harness.state().session().is_none(), "the session waits for its world model");
+    assert!(harness.state().app().open().is_none(), "the session waits for its world model");
     go_on.send(()).unwrap();
-    wait_for(&mut harness, |harness| harness.state().session().is_some());
+    wait_for(&mut harness, |harness| harness.state().app().open().is_some());
     harness.step();
     harness.get_by_label("Drive");
 }
 
-fn protocol(harness: &Harness<'_, App>) -> Option<Protocol> {
-    harness.state().session().map(|store| store.session().protocol())
+fn protocol(harness: &Harness<'_, Window>) -> Option<Protocol> {
+    harness.state().app().open().map(|store| store.session().protocol())
 }
 
 #[test]
@@ -207,8 +220,12 @@ fn what_old_workers_have_still_to_say_does_not_reach_another_session() {
     harness.run_steps(10);
     opening::choose(&mut harness, "2026-11-22T10-20-00-other");
     // It is in the inbox when the other session is opened.
-    backstage.report(Report::Learned { parameters: world().parameters, n_labels: 40, fit: None });
-    backstage.report(Report::Learning(learning(3)));
+    backstage.report(Report::Reward(RewardReport::Learned {
+        parameters: world().parameters,
+        n_labels: 40,
+        fit: None,
+    }));
+    backstage.report(Report::Reward(RewardReport::Learning(learning(3))));
     wait_for(&mut harness, |harness| protocol(harness) == Some(Protocol::Drope));
     harness.run_steps(4);
     go(&mut harness, Panel::Deploy);
@@ -238,7 +255,7 @@ fn a_deleted_dream_is_still_deleted_when_the_session_is_opened_again() {
     let (mut harness, _) = window(dir.path(), Some(store), vec2(1280.0, 800.0), false);
     assert!(harness.query_by_label("Dream 1: 200 steps").is_none(), "it is not in the list");
     go(&mut harness, Panel::Label);
-    let session = harness.state().session().unwrap().session();
+    let session = harness.state().app().open().unwrap().session();
     let shows = |segment: dropj::query::SegmentRef| segment.dream == DreamId(1);
     let all = session.queries().iter().all(|asked| shows(asked.query.left) && shows(asked.query.right));
     assert!(all && !session.queries().is_empty(), "only the other one is asked about");
@@ -254,14 +271,20 @@ fn a_dream_rides_beside_the_real_car_and_its_drift_is_shown() {
     click(&mut harness, "50");
     let orders = backstage.orders();
     let asked = orders.iter().filter_map(|order| match order {
-        Order::Recorder(RecorderCommand::Beside(beside)) => Some(*beside),
+        WorkerCommand::Recorder(RecorderCommand::CompareRollout(beside)) => Some(*beside),
         _ => None,
     });
-    assert_eq!(asked.collect::<Vec<_>>(), [Some(Beside::default()), Some(Beside { reset: Some(50) })]);
-    assert!(matches!(orders[0], Order::Recorder(RecorderCommand::Model(_))), "it is told what to dream with");
+    assert_eq!(
+        asked.collect::<Vec<_>>(),
+        [Some(RolloutComparison::default()), Some(RolloutComparison { reset: Some(50) })]
+    );
+    assert!(
+        matches!(orders[0], WorkerCommand::Recorder(RecorderCommand::Model(_))),
+        "it is told what to dream with"
+    );
     press(&mut harness, Key::Enter);
     backstage.slots.record.put(view(3));
-    backstage.slots.beside.put(BesideView { frame: frame(80), step: 3, since: 3, drift: 0.125 });
+    backstage.slots.rollout.put(RolloutView { frame: frame(80), step: 3, since: 3, drift: 0.125 });
     harness.run_steps(2);
     harness.get_by_label("Drift 12.5 %");
     harness.get_by_label("The dream beside, 3 steps after it last saw the track");
@@ -271,7 +294,11 @@ fn a_dream_rides_beside_the_real_car_and_its_drift_is_shown() {
 fn the_wheel_of_the_real_car_is_handed_over_too() {
     let dir = tempfile::tempdir().unwrap();
     let (mut harness, backstage) = window(dir.path(), None, vec2(1280.0, 800.0), false);
-    backstage.report(Report::Learned { parameters: world().parameters, n_labels: 12, fit: None });
+    backstage.report(Report::Reward(RewardReport::Learned {
+        parameters: world().parameters,
+        n_labels: 12,
+        fit: None,
+    }));
     go(&mut harness, Panel::Record);
     press(&mut harness, Key::Enter);
     backstage.slots.record.put(view(3));
@@ -284,9 +311,9 @@ fn the_wheel_of_the_real_car_is_handed_over_too() {
         matches!(
             &orders[..],
             [
-                Order::Recorder(RecorderCommand::Model(_)),
-                Order::Recorder(RecorderCommand::Reward(_)),
-                Order::Recorder(RecorderCommand::HandOver(true)),
+                WorkerCommand::Recorder(RecorderCommand::Model(_)),
+                WorkerCommand::Recorder(RecorderCommand::Reward(_)),
+                WorkerCommand::Recorder(RecorderCommand::HandOver(true)),
             ]
         ),
         "{orders:?}"
@@ -299,7 +326,7 @@ fn the_buttons_of_a_pad_can_be_changed() {
     let (mut harness, backstage) = dreaming(dir.path());
     backstage.slots.dream.put(view(30));
     harness.run_steps(1);
-    let pressed = |harness: &mut Harness<'_, App>, button| {
+    let pressed = |harness: &mut Harness<'_, Window>, button| {
         backstage.pad.lock().unwrap().push(PadEvent::Pressed(button));
         harness.run_steps(2);
     };
@@ -322,7 +349,10 @@ fn the_buttons_of_a_pad_can_be_changed() {
     assert!(
         matches!(
             orders[..],
-            [Order::Dreamer(DreamerCommand::MarkUnsafe), Order::Dreamer(DreamerCommand::Finish)]
+            [
+                WorkerCommand::Dreamer(DreamerCommand::MarkUnsafe),
+                WorkerCommand::Dreamer(DreamerCommand::Finish)
+            ]
         ),
         "{orders:?}"
     );
@@ -340,10 +370,10 @@ fn nothing_held_outlasts_the_focus() {
     // The window system never tells of keys that are let go elsewhere, and may repeat those that are held still.
     harness.event(Event::WindowFocused(true));
     harness.run_steps(3);
-    assert_eq!(backstage.action(), Action::default(), "what was held before is not held again by itself");
+    assert_eq!(backstage.given(), Action::default(), "what was held before is not held again by itself");
     harness.key_down(Key::ArrowUp);
     harness.run_steps(2);
-    assert_eq!(backstage.action().gas, 1.0, "until it is pressed again");
+    assert_eq!(backstage.given().gas, 1.0, "until it is pressed again");
 }
 
 #[test]
@@ -351,11 +381,16 @@ fn a_reward_that_is_learned_while_the_planner_drives_reaches_it() {
     let dir = tempfile::tempdir().unwrap();
     let (mut harness, backstage) = dreaming(dir.path());
     let learned = |seed: u64, n_labels| {
-        backstage.report(Report::Learned { parameters: toy(seed).parameters, n_labels, fit: None });
+        backstage.report(Report::Reward(RewardReport::Learned {
+            parameters: toy(seed).parameters,
+            n_labels,
+            fit: None,
+        }));
     };
-    let taught = |harness: &mut Harness<'_, App>| {
+    let taught = |harness: &mut Harness<'_, Window>| {
         harness.run_steps(2);
-        let to_dreamer = |order: &Order| matches!(order, Order::Dreamer(DreamerCommand::Reward(_)));
+        let to_dreamer =
+            |order: &WorkerCommand| matches!(order, WorkerCommand::Dreamer(DreamerCommand::Reward(_)));
         backstage.orders().iter().filter(|order| to_dreamer(order)).count()
     };
     learned(0, 12);
@@ -377,7 +412,7 @@ fn the_wheel_can_be_taken_back_whatever_became_of_the_reward() {
     harness.run_steps(2);
     backstage.orders();
     press(&mut harness, Key::M);
-    assert!(matches!(backstage.orders()[..], [Order::Dreamer(DreamerCommand::HandOver(false))]));
+    assert!(matches!(backstage.orders()[..], [WorkerCommand::Dreamer(DreamerCommand::HandOver(false))]));
 }
 
 #[test]

@@ -2,18 +2,18 @@
 
 use std::collections::BTreeMap;
 
-use dropj::ui::{Deed, Keys};
+use dropj::ui::{KeyAction, Keys};
 use eframe::App as _;
 
 use super::*;
 
-fn open_keys(harness: &mut Harness<'_, App>) {
+fn open_keys(harness: &mut Harness<'_, Window>) {
     harness.get_by_label("Keys and help").click();
     // A dialog finds its size in its first pictures.
     harness.run_steps(10);
 }
 
-fn click(harness: &mut Harness<'_, App>, label: &str) {
+fn click(harness: &mut Harness<'_, Window>, label: &str) {
     harness.get_by_label(label).click();
     harness.run_steps(2);
 }
@@ -46,7 +46,7 @@ fn a_key_that_somebody_has_is_named_and_can_be_swapped() {
     assert_eq!(harness.state().keys(), &Keys::default(), "nothing has changed yet");
     click(&mut harness, "Swap them");
     let keys = harness.state().keys();
-    assert_eq!((keys.of(Deed::Flag), keys.of(Deed::Neither)), (Key::S, Key::F));
+    assert_eq!((keys.of(KeyAction::Flag), keys.of(KeyAction::Neither)), (Key::S, Key::F));
     click(&mut harness, "Back to the first keys");
     assert_eq!(harness.state().keys(), &Keys::default());
 }
@@ -75,10 +75,10 @@ fn a_changed_key_drives() {
     press(&mut harness, Key::Escape);
     harness.key_down(Key::W);
     harness.run_steps(2);
-    assert_eq!(backstage.action(), Action::default());
+    assert_eq!(backstage.given(), Action::default());
     harness.key_down(Key::I);
     harness.run_steps(2);
-    assert_eq!(backstage.action(), Action::new(0.0, 1.0, 0.0));
+    assert_eq!(backstage.given(), Action::new(0.0, 1.0, 0.0));
 }
 
 /// What the system keeps for a program.
@@ -115,7 +115,7 @@ fn keys_and_theme_outlast_the_window() {
 
     let memory: &'static Memory = Box::leak(Box::new(memory));
     let (harness, _) = window_with(dir.path(), None, size, false, Some(memory));
-    assert_eq!(harness.state().keys().of(Deed::Keep), Key::K);
+    assert_eq!(harness.state().keys().of(KeyAction::Keep), Key::K);
     harness.get_by_label("Light");
 
     let torn = Memory([("preferences".to_owned(), "(theme: Li".to_owned())].into());
@@ -124,7 +124,7 @@ fn keys_and_theme_outlast_the_window() {
 }
 
 /// A window of somebody whose settings are these, and what it keeps of them.
-fn with_settings(dir: &Path, text: &str) -> (Harness<'static, App>, Memory) {
+fn with_settings(dir: &Path, text: &str) -> (Harness<'static, Window>, Memory) {
     let memory = Memory([("preferences".to_owned(), text.to_owned())].into());
     let mut kept = Memory(memory.0.clone());
     let size = vec2(1280.0, 800.0);
@@ -140,7 +140,7 @@ fn a_setting_that_cannot_be_used_takes_no_other_along_and_is_kept() {
     let (harness, kept) = with_settings(dir.path(), text);
     harness.get_by_label("Light");
     assert_eq!(
-        (harness.state().keys().of(Deed::Keep), harness.state().keys().of(Deed::Redo)),
+        (harness.state().keys().of(KeyAction::Keep), harness.state().keys().of(KeyAction::Redo)),
         (Key::K, Key::R)
     );
     for named in ["keys.Fly", "keys.Redo", "clip_speed", "kept as preferences_kept"] {
@@ -149,7 +149,7 @@ fn a_setting_that_cannot_be_used_takes_no_other_along_and_is_kept() {
     assert_eq!(kept.0["preferences_kept"], text, "all of it, as it was");
     let (harness, again) = with_settings(dir.path(), &kept.0["preferences"]);
     assert!(harness.query_by_label_contains("Some settings").is_none(), "what is kept now is good");
-    assert_eq!(harness.state().keys().of(Deed::Keep), Key::K);
+    assert_eq!(harness.state().keys().of(KeyAction::Keep), Key::K);
     assert!(!again.0.contains_key("preferences_kept"));
 }
 

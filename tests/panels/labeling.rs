@@ -4,13 +4,13 @@ use eframe::egui::{Modifiers, PointerButton, pos2};
 
 use super::*;
 
-fn ctrl(harness: &mut Harness<'_, App>, modifiers: Modifiers, key: Key) {
+fn ctrl(harness: &mut Harness<'_, Window>, modifiers: Modifiers, key: Key) {
     harness.key_press_modifiers(modifiers, key);
     harness.run_steps(2);
 }
 
 /// So many seconds, with a sign of somebody now and then if somebody is there.
-fn pass(harness: &mut Harness<'_, App>, secs: usize, is_there: bool) {
+fn pass(harness: &mut Harness<'_, Window>, secs: usize, is_there: bool) {
     for sec in 0..secs {
         if is_there && sec % 10 == 0 {
             harness.hover_at(pos2(700.0 + (sec % 20) as f32, 90.0));
@@ -40,7 +40,7 @@ fn what_was_undone_is_redone_by_one_key_and_by_those_of_every_program() {
     let n_taught = backstage
         .orders()
         .iter()
-        .filter(|order| matches!(order, Order::Trainer(TrainerCommand::Learn(..))))
+        .filter(|order| matches!(order, WorkerCommand::Trainer(TrainerCommand::Learn(..))))
         .count();
     assert_eq!(n_taught, 3, "the trainer hears of each");
     press(&mut harness, Key::D);
@@ -89,7 +89,7 @@ fn answers_have_thumbnails_and_are_revised_by_a_click() {
     for key in [Key::A, Key::S, Key::D] {
         press(&mut harness, key);
     }
-    let folder = harness.state().session().unwrap().dir().to_owned();
+    let folder = harness.state().app().open().unwrap().dir().to_owned();
     drop((harness, backstage));
 
     // Opened again, what was answered before is drawn small for the list, and only there.
@@ -102,13 +102,14 @@ fn answers_have_thumbnails_and_are_revised_by_a_click() {
         .orders()
         .into_iter()
         .filter_map(|order| match order {
-            Order::Clipper(ClipperCommand::Glance(query)) => Some(query),
+            WorkerCommand::Clipper(ClipperCommand::DecodeThumbnails(query)) => Some(query),
             _ => None,
         })
         .collect();
     let ids: Vec<_> = glanced.iter().map(|query| query.id.0).collect();
     assert_eq!(ids, [2, 1, 0], "those in the list, each once");
-    backstage.report(Report::Glance { query: glanced[1], frames: [frame(40), frame(90)] });
+    backstage
+        .report(Report::Label(LabelReport::Thumbnails { query: glanced[1], frames: [frame(40), frame(90)] }));
     harness.run_steps(2);
     harness.get_by_label("Query 2: μ = 0.5: neither preferred because both are unsafe").click();
     harness.run_steps(3);
@@ -143,8 +144,8 @@ fn a_pause_is_suggested_quietly_and_time_away_does_not_count() {
     harness.run_steps(2);
     assert!(harness.query_by_label("Not now").is_none(), "it is gone");
     press(&mut harness, Key::A);
-    let secs = |harness: &Harness<'_, App>| {
-        let session = harness.state().session().unwrap().session();
+    let secs = |harness: &Harness<'_, Window>| {
+        let session = harness.state().app().open().unwrap().session();
         session.answers().last().unwrap().answer.secs
     };
     assert!(secs(&harness) > 1500.0, "all of it was looked at: {}", secs(&harness));
@@ -189,14 +190,15 @@ fn single_transitions_are_labeled_by_one_key_each() {
     press(&mut harness, Key::F);
     let expected = [Verdict::Good, Verdict::Unsafe, Verdict::Neutral].map(Response::Judged);
     assert_eq!(responses(&harness), [&expected[..], &[Response::Skipped(None)]].concat());
-    let session = harness.state().session().unwrap().session();
+    let session = harness.state().app().open().unwrap().session();
     let asked: Vec<_> = session.queries().iter().filter_map(|asked| asked.transition).collect();
     assert!(asked.windows(2).all(|pair| pair[1].step == pair[0].step + 1), "one after the other: {asked:?}");
     assert_eq!(session.queries().iter().filter(|asked| asked.is_flagged).count(), 1);
     let orders = backstage.orders();
-    let is_taught = |order: &Order| matches!(order, Order::Trainer(TrainerCommand::Judge(judged)) if judged.verdict == Verdict::Unsafe);
+    let is_taught = |order: &WorkerCommand| matches!(order, WorkerCommand::Trainer(TrainerCommand::LearnVerdict(judged)) if judged.verdict == Verdict::Unsafe);
     assert!(orders.iter().any(is_taught), "the trainer hears of it");
-    let is_forgotten = |order: &Order| matches!(order, Order::Trainer(TrainerCommand::Forget(QueryId(4))));
+    let is_forgotten =
+        |order: &WorkerCommand| matches!(order, WorkerCommand::Trainer(TrainerCommand::Forget(QueryId(4))));
     assert!(orders.iter().any(is_forgotten), "and of what is taken back");
 }
 

@@ -4,14 +4,14 @@ use dropj::env::Outcome;
 use dropj::evaluation::Tally;
 use dropj::query::DreamId;
 use dropj::tensor::Parameters;
-use dropj::worker::{BesideView, CandidateView, DriveView, Judgement, Learning, Promise, ReviewView};
+use dropj::worker::{CandidateView, DreamRewards, DriveView, Learning, Promise, ReviewView, RolloutView};
 use eframe::egui::Theme;
 use egui_kittest::SnapshotResults;
 
 use super::*;
 
 /// A window on a session with three answers and a reward, in which everything has something to show.
-fn lived_in(dir: &Path, theme: Theme, scale: f32) -> (Harness<'static, App>, Backstage) {
+fn lived_in(dir: &Path, theme: Theme, scale: f32) -> (Harness<'static, Window>, Backstage) {
     let (mut harness, backstage) =
         window_at(dir, Some(session(dir, Protocol::Dropj)), vec2(1280.0, 720.0), true, None, scale);
     harness.ctx.set_theme(theme);
@@ -20,23 +20,23 @@ fn lived_in(dir: &Path, theme: Theme, scale: f32) -> (Harness<'static, App>, Bac
         press(&mut harness, key);
     }
     for epoch in 0..20 {
-        backstage.report(Report::Learning(learning(epoch)));
+        backstage.report(Report::Reward(RewardReport::Learning(learning(epoch))));
     }
-    backstage.report(Report::Learned { parameters: reward(), n_labels: 3, fit: None });
+    backstage.report(Report::Reward(RewardReport::Learned { parameters: reward(), n_labels: 3, fit: None }));
     backstage.slots.drive.put(driving());
     harness.run_steps(2);
     (harness, backstage)
 }
 
 /// Shows `panel` with all that workers have to say of it.
-fn open(harness: &mut Harness<'_, App>, backstage: &Backstage, panel: Panel) {
+fn open(harness: &mut Harness<'_, Window>, backstage: &Backstage, panel: Panel) {
     go(harness, panel);
     if panel == Panel::Record {
-        backstage.report(shelf::folder(&[0, 1, 2], None));
+        backstage.report(episodes::folder(&[0, 1, 2], None));
     }
     if panel == Panel::Reward {
         backstage.slots.review.put(review(DreamId(1)));
-        backstage.report(Report::Judged(judgement(DreamId(1))));
+        backstage.report(Report::Dream(DreamReport::Rewards(judgement(DreamId(1)))));
     }
     harness.run_steps(8);
 }
@@ -106,7 +106,7 @@ fn empty_panels_and_a_dream_that_is_looked_at_again_look_as_they_did() {
     harness.get_by_label_contains("Dream 1: 200 steps").click();
     harness.run_steps(2);
     backstage.slots.review.put(review(DreamId(0)));
-    backstage.report(Report::Judged(judgement(DreamId(0))));
+    backstage.report(Report::Dream(DreamReport::Rewards(judgement(DreamId(0)))));
     harness.run_steps(8);
     results.add(harness.try_snapshot("dream-again"));
     go(&mut harness, Panel::Record);
@@ -117,7 +117,7 @@ fn empty_panels_and_a_dream_that_is_looked_at_again_look_as_they_did() {
         let picture = Some((600, 480, scene.clone().into()));
         backstage.slots.record.put(LiveView { picture, ..view(step) });
         let drift = 0.002 * step as f32;
-        backstage.slots.beside.put(BesideView { frame: frame(90), step, since: step, drift });
+        backstage.slots.rollout.put(RolloutView { frame: frame(90), step, since: step, drift });
         harness.step();
     }
     results.add(harness.try_snapshot("record-beside"));
@@ -135,10 +135,10 @@ pub(crate) fn review(dream: DreamId) -> ReviewView {
 }
 
 /// What a reward says of a dream of 200 steps.
-pub(crate) fn judgement(dream: DreamId) -> Judgement {
+pub(crate) fn judgement(dream: DreamId) -> DreamRewards {
     let at = |t: usize| (t as f32 / 13.0).sin() * 0.6 + (t as f32 / 3.0).cos() * 0.1;
     let n = if dream == DreamId(0) { 200 } else { 90 };
-    Judgement {
+    DreamRewards {
         dream,
         rewards: (0..n).map(at).collect(),
         low: (0..n).map(|t| at(t) - 0.12).collect(),

@@ -6,37 +6,40 @@
     reason = "a test that cannot be set up fails, and one that is skipped says so"
 )]
 
-mod asking;
+mod query_selection;
 mod cockpit;
-mod foretold;
+mod predictions;
 mod journeys;
 mod keys;
 mod labeling;
 mod looks;
-mod several;
+mod merge;
 mod trajectories;
 mod opening;
 mod saving;
 mod seen;
-mod shelf;
+mod episodes;
 
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
 
+use dropj::app::{FirstWorld, Panel, Startup};
 use dropj::dream::DreamEpisode;
 use dropj::env::controls::Pad;
-use dropj::env::{Action, Frame};
+use dropj::env::{Action, CarRacing, Frame, Seed};
+use dropj::planner::PlannerConfig;
+use dropj::planner::synthesis::SynthesisConfig;
 use dropj::query::{Preference, Protocol, QueryId, Response, SEGMENT_LEN, SafetyAnswer, SkipReason, Verdict};
+use dropj::reward::RewardConfig;
 use dropj::session::{DreamSource, Header, SessionStore};
-use dropj::tensor::Parameters;
-use dropj::ui::{
-    App, Crew, DreamStart, FirstWorld, InputSource, LoadedWorld, Order, PadButton, PadEvent, Panel, Slots,
-    Startup,
-};
+use dropj::ui::{InputSource, PadButton, PadEvent, Wake, Window, WindowStartup};
 use dropj::worker::{
-    ClipperCommand, DreamerCommand, LiveView, RecorderCommand, Report, Reports, TrainerCommand,
+    ClipperCommand, DeployReport, DreamReport, DreamStart, DreamerCommand, LabelReport, LiveAction, LiveView,
+    LoadedWorld, RecordReport, RecorderCommand, Report, RewardReport, SessionWriter, Slots, Threads,
+    TrainerCommand, WorkerCommand, WorkerConfig, WorkerError, WorkerFailure, WorkerName, Workers,
 };
+use dropj::world_model::fit::FitConfig;
 use dropj::world_model::{LatentState, WorldModelConfig, untrained};
 use eframe::Storage;
 use eframe::egui::{Event, Key, Vec2, vec2};
@@ -48,13 +51,17 @@ use rand_chacha::ChaCha8Rng;
 /// The software renderer paints a pixel or two at the rim of a shape otherwise on another processor.
 const N_OTHER_PIXELS: usize = 8;
 
-/// What a test holds on to: what was ordered, how to report, and the pad's next events.
+/// What a test holds on to: what was sent to workers, how to report, and the pad's next events.
+///
+/// The session is written for real, at once and in this thread; files are read for real, in threads of their own.
 #[derive(Clone)]
 struct Backstage {
-    /// Whether clips are drawn as soon as they are asked for.
+    /// Whether clips are decoded as soon as they are asked for.
     draws: Arc<AtomicBool>,
-    orders: Arc<Mutex<Vec<Order>>>,
-    reports: Arc<Mutex<Option<Reports>>>,
+    orders: Arc<Mutex<Vec<WorkerCommand>>>,
+    reports: Arc<Mutex<Vec<Report>>>,
+    writer: Arc<Mutex<SessionWriter>>,
+    jobs: Arc<Mutex<Option<Threads>>>,
     pad: Arc<Mutex<Vec<PadEvent>>>,
     slots: Slots,
 }
@@ -65,6 +72,8 @@ impl Default for Backstage {
             draws: Arc::new(AtomicBool::new(true)),
             orders: Arc::default(),
             reports: Arc::default(),
+            writer: Arc::default(),
+            jobs: Arc::default(),
             pad: Arc::default(),
             slots: Slots::default(),
         }
@@ -73,43 +82,66 @@ impl Default for Backstage {
 
 impl Backstage {
     fn report(&self, report: Report) {
-        self.reports.lock().unwrap().as_ref().unwrap().send(report);
+        self.reports.lock().unwrap().push(report);
     }
 
-    /// The orders since the last time.
-    fn orders(&self) -> Vec<Order> {
+    /// What was sent since the last time.
+    fn orders(&self) -> Vec<WorkerCommand> {
         std::mem::take(&mut *self.orders.lock().unwrap())
     }
 
     /// The same, but for looking into the folder of recordings.
-    fn orders_but_lists(&self) -> Vec<Order> {
+    fn orders_but_lists(&self) -> Vec<WorkerCommand> {
         let mut orders = self.orders();
-        orders.retain(|order| !matches!(order, Order::Librarian(_)));
+        orders.retain(|order| !matches!(order, WorkerCommand::EpisodeBrowser(_)));
         orders
     }
 
-    fn action(&self) -> Action {
+    fn given(&self) -> Action {
         self.slots.action.peek().map_or_else(Action::default, |(action, _)| action)
     }
 }
 
-impl Crew for Backstage {
-    fn send(&mut self, order: Order) {
-        if let Order::Clipper(ClipperCommand::Decode(query)) = &order
-            && self.draws.load(Ordering::Relaxed)
-        {
-            let clip = |shade: usize| (0..SEGMENT_LEN).map(|t| frame(shade + 6 * t)).collect();
-            self.report(Report::Clips { query: *query, left: clip(40), right: clip(100) });
+impl Workers for Backstage {
+    fn send(&mut self, command: WorkerCommand) {
+        match command {
+            WorkerCommand::SessionWriter(command) => {
+                self.writer
+                    .lock()
+                    .unwrap()
+                    .handle(command, &mut |report| self.report(Report::Session(report)));
+            }
+            WorkerCommand::Jobs(_) => self.jobs.lock().unwrap().as_mut().unwrap().send(command),
+            WorkerCommand::EndSession | WorkerCommand::UseWorldModel(_) => {}
+            command => {
+                if let WorkerCommand::Clipper(ClipperCommand::Decode(query)) = &command
+                    && self.draws.load(Ordering::Relaxed)
+                {
+                    let clip = |shade: usize| (0..SEGMENT_LEN).map(|t| frame(shade + 6 * t)).collect();
+                    let (query, left, right) = (*query, clip(40), clip(100));
+                    self.report(Report::Label(LabelReport::Clips { query, left, right }));
+                }
+                self.orders.lock().unwrap().push(command);
+            }
         }
-        self.orders.lock().unwrap().push(order);
     }
 
-    fn change_world(&mut self, _model: &Parameters) {}
+    fn poll(&mut self) -> Vec<Report> {
+        self.writer.lock().unwrap().check(&mut |report| self.report(Report::Session(report)));
+        let mut reports = std::mem::take(&mut *self.reports.lock().unwrap());
+        reports.extend(self.jobs.lock().unwrap().as_mut().unwrap().poll());
+        let slots = &self.slots;
+        reports.extend(slots.dream.take().map(|view| Report::Dream(DreamReport::View(view))));
+        reports.extend(slots.record.take().map(|view| Report::Record(RecordReport::View(view))));
+        reports.extend(slots.rollout.take().map(|view| Report::Record(RecordReport::Rollout(view))));
+        reports.extend(slots.episode.take().map(|view| Report::Record(RecordReport::EpisodeView(view))));
+        reports.extend(slots.review.take().map(|view| Report::Dream(DreamReport::Review(view))));
+        reports.extend(slots.drive.take().map(|view| Report::Deploy(DeployReport::View(view))));
+        reports
+    }
 
-    fn forget(&mut self) {}
-
-    fn slots(&self) -> Slots {
-        self.slots.clone()
+    fn action(&self) -> LiveAction {
+        self.slots.action.clone()
     }
 }
 
@@ -176,7 +208,7 @@ fn window(
     session: Option<SessionStore>,
     size: Vec2,
     picture: bool,
-) -> (Harness<'static, App>, Backstage) {
+) -> (Harness<'static, Window>, Backstage) {
     window_with(dir, session, size, picture, None)
 }
 
@@ -187,7 +219,7 @@ fn window_with(
     size: Vec2,
     picture: bool,
     storage: Option<&'static dyn Storage>,
-) -> (Harness<'static, App>, Backstage) {
+) -> (Harness<'static, Window>, Backstage) {
     window_at(dir, session, size, picture, storage, 1.0)
 }
 
@@ -199,7 +231,7 @@ fn window_at(
     picture: bool,
     storage: Option<&'static dyn Storage>,
     scale: f32,
-) -> (Harness<'static, App>, Backstage) {
+) -> (Harness<'static, Window>, Backstage) {
     let backstage = Backstage::default();
     let has_session = session.is_some();
     let startup = startup(dir, session, &backstage);
@@ -209,18 +241,18 @@ fn window_at(
     let builder = if picture { builder.with_render_cursor(false).wgpu() } else { builder };
     let mut harness = builder.build_eframe(|cc| {
         cc.storage = storage;
-        App::new(cc, startup)
+        Window::new(cc, startup)
     });
     harness.run_steps(2);
     if has_session {
-        wait_for(&mut harness, |harness| harness.state().session().is_some());
+        wait_for(&mut harness, |harness| harness.state().app().open().is_some());
         harness.run_steps(1);
     }
     (harness, backstage)
 }
 
 /// Draws until something has come that a thread is working on.
-fn wait_for(harness: &mut Harness<'_, App>, is_there: impl Fn(&Harness<'_, App>) -> bool) {
+fn wait_for(harness: &mut Harness<'_, Window>, is_there: impl Fn(&Harness<'_, Window>) -> bool) {
     let since = std::time::Instant::now();
     while !is_there(harness) {
         assert!(since.elapsed().as_secs() < 30, "it never came");
@@ -230,28 +262,48 @@ fn wait_for(harness: &mut Harness<'_, App>, is_there: impl Fn(&Harness<'_, App>)
 }
 
 /// What a window in a test begins with.
-fn startup(dir: &Path, session: Option<SessionStore>, backstage: &Backstage) -> Startup {
+fn startup(dir: &Path, session: Option<SessionStore>, backstage: &Backstage) -> WindowStartup {
     let crew = backstage.clone();
-    Startup {
+    let app = Startup {
         env: "car-racing".to_owned(),
         sessions: dir.to_owned(),
         dataset: "recordings".into(),
-        world: FirstWorld::Here(Ok(world())),
+        world: FirstWorld::Here(Ok(Box::new(world()))),
         session,
+        seed: 1,
+    };
+    let workers = move |wake: Wake| -> Box<dyn Workers> {
+        *crew.jobs.lock().unwrap() = Some(Threads::new(worker_config(), None, wake));
+        Box::new(crew)
+    };
+    WindowStartup { app, workers: Box::new(workers), input: Box::new(backstage.clone()) }
+}
+
+/// What a worker reports that has met this, and lives on.
+fn failed(worker: WorkerName, message: &str) -> Report {
+    let error = WorkerError::Met(Arc::new(std::io::Error::other(message.to_owned())));
+    Report::Failed(WorkerFailure { worker, error })
+}
+
+/// Those who read files.
+fn worker_config() -> WorkerConfig {
+    WorkerConfig {
+        env: Box::new(|_| Box::new(CarRacing::new(Seed::Native(0)))),
+        env_name: "car-racing".to_owned(),
+        world: WorldModelConfig::car_racing(),
+        fit: FitConfig::full(),
+        reward: RewardConfig::car_racing(),
+        planner: PlannerConfig::car_racing(),
+        synthesis: SynthesisConfig::paper(),
         load: Arc::new(|path| match std::fs::read_to_string(path) {
             Ok(text) if text == "another" => Ok(toy(1)),
-            _ => Err(format!("cannot read the world model: {path:?}")),
+            _ => Err(Arc::new(std::io::Error::other(format!("cannot read the world model: {path:?}")))),
         }),
-        hire: Box::new(move |reports, _| {
-            *crew.reports.lock().unwrap() = Some(reports.clone());
-            Box::new(crew)
-        }),
-        input: Box::new(backstage.clone()),
     }
 }
 
 /// A window on the label panel of a session.
-fn labeling(dir: &Path, protocol: Protocol) -> (Harness<'static, App>, Backstage) {
+fn labeling(dir: &Path, protocol: Protocol) -> (Harness<'static, Window>, Backstage) {
     let store = session(dir, protocol);
     let (mut harness, backstage) = window(dir, Some(store), vec2(1280.0, 800.0), false);
     go(&mut harness, Panel::Label);
@@ -259,13 +311,13 @@ fn labeling(dir: &Path, protocol: Protocol) -> (Harness<'static, App>, Backstage
     (harness, backstage)
 }
 
-fn go(harness: &mut Harness<'_, App>, panel: Panel) {
+fn go(harness: &mut Harness<'_, Window>, panel: Panel) {
     harness.get_by_label(panel.name()).click();
     harness.run_steps(3);
 }
 
 /// Strikes a key; one that can answer, once the pair on the screen was there for a moment.
-fn press(harness: &mut Harness<'_, App>, key: Key) {
+fn press(harness: &mut Harness<'_, Window>, key: Key) {
     let answers = [Key::A, Key::D, Key::S, Key::ArrowLeft, Key::ArrowUp, Key::ArrowRight, Key::Space];
     if answers.contains(&key) || [Key::Y, Key::N, Key::F, Key::Q].contains(&key) {
         see(harness);
@@ -275,9 +327,9 @@ fn press(harness: &mut Harness<'_, App>, key: Key) {
 }
 
 /// Looks at the pair on the screen, if there is one, until an answer to it is taken.
-fn see(harness: &mut Harness<'_, App>) {
+fn see(harness: &mut Harness<'_, Window>) {
     for _ in 0..10 {
-        if harness.state().shown().is_none() || harness.state().is_answerable() {
+        if harness.state().app().shown().is_none() || harness.state().app().is_answerable() {
             return;
         }
         harness.step();
@@ -285,12 +337,12 @@ fn see(harness: &mut Harness<'_, App>) {
 }
 
 /// What the session says was answered, in the order of answering.
-fn answers(harness: &Harness<'_, App>) -> Vec<(QueryId, Response)> {
-    let session = harness.state().session().unwrap().session();
+fn answers(harness: &Harness<'_, Window>) -> Vec<(QueryId, Response)> {
+    let session = harness.state().app().open().unwrap().session();
     session.answers().iter().map(|given| (given.answer.query, given.answer.response)).collect()
 }
 
-fn responses(harness: &Harness<'_, App>) -> Vec<Response> {
+fn responses(harness: &Harness<'_, Window>) -> Vec<Response> {
     answers(harness).into_iter().map(|(_, response)| response).collect()
 }
 
@@ -342,7 +394,7 @@ fn buttons_say_what_their_keys_do() {
     assert_eq!(responses(&harness), [Response::Safety(SafetyAnswer::OnlyLeft)]);
     harness.get_by_label("μ = 1: left preferred because right is unsafe");
     let learned = backstage.orders().into_iter().any(|order| {
-        matches!(order, Order::Trainer(TrainerCommand::Learn(query, label)) if query.id == QueryId(0) && label.mu() == 1.0)
+        matches!(order, WorkerCommand::Trainer(TrainerCommand::Learn(query, label)) if query.id == QueryId(0) && label.mu() == 1.0)
     });
     assert!(learned, "the trainer was not told");
 }
@@ -354,13 +406,16 @@ fn the_next_pair_is_there_in_the_frame_after_an_answer() {
     see(&mut harness);
     harness.key_down(Key::A);
     harness.step();
-    assert_eq!(harness.state().shown(), Some(QueryId(1)), "in the picture after this one");
+    assert_eq!(harness.state().app().shown(), Some(QueryId(1)), "in the picture after this one");
     harness.key_up(Key::A);
     harness.step();
     press(&mut harness, Key::D);
     assert_eq!(answers(&harness).len(), 2);
-    let n_decoded = |orders: Vec<Order>| {
-        orders.iter().filter(|order| matches!(order, Order::Clipper(ClipperCommand::Decode(_)))).count()
+    let n_decoded = |orders: Vec<WorkerCommand>| {
+        orders
+            .iter()
+            .filter(|order| matches!(order, WorkerCommand::Clipper(ClipperCommand::Decode(_))))
+            .count()
     };
     assert_eq!(n_decoded(backstage.orders()), 2, "as many are drawn ahead as were answered");
 }
@@ -380,7 +435,7 @@ fn undo_has_no_limit_and_shows_the_query_again() {
         backstage
             .orders()
             .iter()
-            .any(|order| matches!(order, Order::Trainer(TrainerCommand::Forget(QueryId(0))))),
+            .any(|order| matches!(order, WorkerCommand::Trainer(TrainerCommand::Forget(QueryId(0))))),
         "the trainer forgets the first answer",
     );
     press(&mut harness, Key::D);
@@ -429,7 +484,7 @@ fn a_preference_rests_on_the_justification_that_was_named() {
     press(&mut harness, Key::Num1);
     press(&mut harness, Key::ArrowLeft);
     press(&mut harness, Key::ArrowLeft);
-    let all = harness.state().session().unwrap().session().weights().justifications.clone();
+    let all = harness.state().app().open().unwrap().session().weights().justifications.clone();
     let grass = all.named("grass").unwrap();
     let expected = [grass, all.default()].map(|why| Response::Justified(why, Preference::Left));
     assert_eq!(responses(&harness), expected, "and the default counts where none was named");
@@ -453,20 +508,20 @@ fn an_answer_is_on_disk_before_the_next_query_shows() {
     let dir = tempfile::tempdir().unwrap();
     let (mut harness, _) = labeling(dir.path(), Protocol::Dropj);
     press(&mut harness, Key::A);
-    let folder = harness.state().session().unwrap().dir().to_owned();
+    let folder = harness.state().app().open().unwrap().dir().to_owned();
     let log = std::fs::read_to_string(folder.join("events.jsonl")).unwrap();
     assert!(log.lines().last().unwrap().contains("\"asked\"") || log.contains("only_left"), "{log}");
     assert!(log.contains("only_left"), "{log}");
 }
 
 /// A dream that has begun.
-fn dreaming(dir: &Path) -> (Harness<'static, App>, Backstage) {
+fn dreaming(dir: &Path) -> (Harness<'static, Window>, Backstage) {
     let (mut harness, backstage) = window(dir, None, vec2(1280.0, 800.0), false);
-    assert_eq!(harness.state().panel(), Panel::Dream, "one can drive at once");
+    assert_eq!(harness.state().app().state().panel(), Panel::Dream, "one can drive at once");
     press(&mut harness, Key::Enter);
     let orders = backstage.orders();
     let started = orders.iter().find_map(|order| match order {
-        Order::Dreamer(DreamerCommand::Start { journal, .. }) => Some(journal.is_some()),
+        WorkerCommand::Dreamer(DreamerCommand::Start { journal, .. }) => Some(journal.is_some()),
         _ => None,
     });
     assert_eq!(started, Some(true), "it has begun, and is journaled");
@@ -480,10 +535,10 @@ fn held_keys_drive_until_they_are_released() {
     harness.key_down(Key::ArrowLeft);
     harness.key_down(Key::W);
     harness.run_steps(3);
-    assert_eq!(backstage.action(), Action::new(-1.0, 1.0, 0.0));
+    assert_eq!(backstage.given(), Action::new(-1.0, 1.0, 0.0));
     harness.key_up(Key::ArrowLeft);
     harness.run_steps(1);
-    assert_eq!(backstage.action(), Action::new(0.0, 1.0, 0.0));
+    assert_eq!(backstage.given(), Action::new(0.0, 1.0, 0.0));
 }
 
 #[test]
@@ -492,10 +547,10 @@ fn losing_the_focus_lets_go_of_all_keys() {
     let (mut harness, backstage) = dreaming(dir.path());
     harness.key_down(Key::ArrowUp);
     harness.run_steps(2);
-    assert_eq!(backstage.action().gas, 1.0);
+    assert_eq!(backstage.given().gas, 1.0);
     harness.event(Event::WindowFocused(false));
     harness.run_steps(2);
-    assert_eq!(backstage.action(), Action::default());
+    assert_eq!(backstage.given(), Action::default());
 }
 
 #[test]
@@ -506,10 +561,10 @@ fn unplugging_a_pad_lets_go_of_it_and_says_so() {
     let name = || "Test pad".to_owned();
     backstage.pad.lock().unwrap().extend([PadEvent::Connected(name()), PadEvent::Moved(pad)]);
     harness.run_steps(2);
-    assert_eq!(backstage.action(), Action::new(1.0, 1.0, 0.0));
+    assert_eq!(backstage.given(), Action::new(1.0, 1.0, 0.0));
     backstage.pad.lock().unwrap().push(PadEvent::Disconnected(name()));
     harness.run_steps(2);
-    assert_eq!(backstage.action(), Action::default());
+    assert_eq!(backstage.given(), Action::default());
     harness.get_by_label_contains("Test pad was unplugged");
 }
 
@@ -519,17 +574,22 @@ fn a_dream_is_kept_with_one_key_and_redone_with_another() {
     let (mut harness, backstage) = dreaming(dir.path());
     press(&mut harness, Key::R);
     let orders = backstage.orders();
-    let [Order::Dreamer(DreamerCommand::Discard), Order::Dreamer(DreamerCommand::Start { journal, .. })] =
-        &orders[..]
+    let [
+        WorkerCommand::Dreamer(DreamerCommand::Discard),
+        WorkerCommand::Dreamer(DreamerCommand::Start { journal, .. }),
+    ] = &orders[..]
     else {
         panic!("{orders:?}")
     };
     assert!(journal.is_some(), "the second dream has a journal too");
     press(&mut harness, Key::N);
-    assert!(matches!(backstage.orders()[..], [Order::Dreamer(DreamerCommand::Finish)]), "it is asked to end");
-    backstage.report(Report::Dreamt { episode: dream(60), journal: None });
+    assert!(
+        matches!(backstage.orders()[..], [WorkerCommand::Dreamer(DreamerCommand::Finish)]),
+        "it is asked to end"
+    );
+    backstage.report(Report::Dream(DreamReport::Ended { episode: dream(60), journal: None }));
     harness.run_steps(2);
-    let session = harness.state().session().unwrap().session();
+    let session = harness.state().app().open().unwrap().session();
     assert_eq!(session.dreams().len(), 1);
     assert_eq!(session.protocol(), Protocol::Dropj, "the first dream begins a session");
 }
@@ -538,9 +598,9 @@ fn a_dream_is_kept_with_one_key_and_redone_with_another() {
 fn a_dream_shorter_than_a_segment_is_not_kept_and_says_why() {
     let dir = tempfile::tempdir().unwrap();
     let (mut harness, backstage) = dreaming(dir.path());
-    backstage.report(Report::Dreamt { episode: dream(12), journal: None });
+    backstage.report(Report::Dream(DreamReport::Ended { episode: dream(12), journal: None }));
     harness.run_steps(2);
-    assert_eq!(harness.state().session().unwrap().session().dreams().len(), 0);
+    assert_eq!(harness.state().app().open().unwrap().session().dreams().len(), 0);
     harness.get_by_label_contains("a segment needs 20");
 }
 
@@ -552,7 +612,7 @@ fn leaving_the_panel_pauses_the_dream() {
     harness.run_steps(1);
     go(&mut harness, Panel::Reward);
     assert!(
-        matches!(backstage.orders()[..], [Order::Dreamer(DreamerCommand::Pause(true))]),
+        matches!(backstage.orders()[..], [WorkerCommand::Dreamer(DreamerCommand::Pause(true))]),
         "nobody drives unseen"
     );
 }
@@ -587,9 +647,9 @@ fn recording_uses_the_same_keys() {
     }
     let orders = backstage.orders();
     let [
-        Order::Recorder(RecorderCommand::Start { seed: 1, .. }),
-        Order::Recorder(RecorderCommand::Pause(true)),
-        Order::Recorder(RecorderCommand::Keep),
+        WorkerCommand::Recorder(RecorderCommand::Start { seed: 1, .. }),
+        WorkerCommand::Recorder(RecorderCommand::Pause(true)),
+        WorkerCommand::Recorder(RecorderCommand::Keep),
     ] = &orders[..]
     else {
         panic!("{orders:?}")
@@ -603,20 +663,20 @@ fn an_empty_panel_says_what_to_do_and_takes_one_there() {
     go(&mut harness, Panel::Label);
     harness.get_by_label("Go and dream").click();
     harness.run_steps(2);
-    assert_eq!(harness.state().panel(), Panel::Dream);
+    assert_eq!(harness.state().app().state().panel(), Panel::Dream);
 }
 
 #[test]
 fn a_worker_that_fails_is_a_sentence_in_the_window() {
     let dir = tempfile::tempdir().unwrap();
     let (mut harness, backstage) = dreaming(dir.path());
-    let report = |message: &str| Report::Failed { worker: "dreamer", message: message.to_owned() };
-    backstage.report(report("the journal is full"));
+    backstage.report(failed(WorkerName::Dreamer, "the journal is full"));
     harness.run_steps(2);
     harness.get_by_label("The journal is full");
     harness.get_by_label("Keep");
     assert!(harness.query_by_label("Restart").is_none(), "the dream goes on");
-    backstage.report(report("this is a bug of ours: no message"));
+    let error = WorkerError::Panicked("no message".to_owned());
+    backstage.report(Report::Failed(WorkerFailure { worker: WorkerName::Dreamer, error }));
     harness.run_steps(2);
     harness.get_by_label("Drive");
     harness.get_by_label("Restart").click();

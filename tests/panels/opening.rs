@@ -11,7 +11,7 @@ fn dreamed(dir: &Path, name: &str, protocol: Protocol, n_dreams: usize) {
     }
 }
 
-fn open(harness: &mut Harness<'_, App>, name: &str) {
+fn open(harness: &mut Harness<'_, Window>, name: &str) {
     harness.get_by_label("Sessions…").click();
     harness.run_steps(10);
     choose(harness, name);
@@ -19,7 +19,7 @@ fn open(harness: &mut Harness<'_, App>, name: &str) {
 }
 
 /// Clicks on a session in the list, once it is there; the window has not heard of it yet.
-pub(super) fn choose(harness: &mut Harness<'_, App>, name: &str) {
+pub(super) fn choose(harness: &mut Harness<'_, Window>, name: &str) {
     wait_for(harness, |harness| harness.query_by_label(name).is_some());
     harness.run_steps(2);
     harness.get_by_label(name).click();
@@ -33,8 +33,8 @@ fn pipe(path: &Path) {
     assert!(made.success(), "no pipe could be made");
 }
 
-fn name(harness: &Harness<'_, App>) -> Option<String> {
-    let store = harness.state().session()?;
+fn name(harness: &Harness<'_, Window>) -> Option<String> {
+    let store = harness.state().app().open()?;
     Some(store.dir().file_name()?.to_string_lossy().into_owned())
 }
 
@@ -58,13 +58,13 @@ fn the_window_goes_on_while_a_session_is_opened_and_another_overtakes_it() {
     harness.run_steps(3);
     press(&mut harness, Key::Enter);
     harness.get_by_label("One moment: the session is being opened");
-    assert!(!backstage.orders().iter().any(|order| matches!(order, Order::Dreamer(_))));
+    assert!(!backstage.orders().iter().any(|order| matches!(order, WorkerCommand::Dreamer(_))));
 
     open(&mut harness, "short");
     std::fs::write(&slow, &bytes).unwrap();
     wait_for(&mut harness, |harness| name(harness).is_some());
     assert_eq!(name(&harness).as_deref(), Some("short"), "the last one counts");
-    assert_eq!(harness.state().panel(), Panel::Label);
+    assert_eq!(harness.state().app().state().panel(), Panel::Label);
     harness.run_steps(2);
     assert!(harness.query_by_label_contains("session: ").is_none(), "nothing is being opened any more");
 
@@ -77,7 +77,8 @@ fn the_window_goes_on_while_a_session_is_opened_and_another_overtakes_it() {
     open(&mut harness, "long");
     wait_for(&mut harness, |harness| name(harness).as_deref() == Some("long"));
     harness.run_steps(2);
-    let is_dream = |order: &Order| matches!(order, Order::Trainer(TrainerCommand::AddDream(..)));
+    let is_dream =
+        |order: &WorkerCommand| matches!(order, WorkerCommand::Trainer(TrainerCommand::AddDream(..)));
     assert!(backstage.orders().iter().filter(|order| is_dream(order)).count() >= 5, "all are handed on");
 }
 
@@ -91,7 +92,7 @@ fn no_session_stays_open_under_a_world_model_that_it_is_not_of() {
     // Nothing comes of a pipe until somebody writes.
     let slow = dir.path().join("slow.safetensors");
     pipe(&slow);
-    several::drop_on(&mut harness, &slow);
+    merge::drop_on(&mut harness, &slow);
     open(&mut harness, "other");
     wait_for(&mut harness, |harness| harness.query_by_label_contains("session: ").is_none());
     assert!(name(&harness).is_some_and(|name| name != "other"), "it waits for the world model");

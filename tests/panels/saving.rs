@@ -9,19 +9,19 @@ use dropj::world_model::ModelIdentity;
 use super::*;
 
 /// Puts a copy of the log in its place, as a tool that brings files up to date does.
-fn replace_log(harness: &Harness<'_, App>) {
-    let log = harness.state().session().unwrap().dir().join("events.jsonl");
+fn replace_log(harness: &Harness<'_, Window>) {
+    let log = harness.state().app().open().unwrap().dir().join("events.jsonl");
     let copy = log.with_extension("copy");
     fs::copy(&log, &copy).unwrap();
     fs::rename(&copy, &log).unwrap();
 }
 
-fn says(harness: &Harness<'_, App>, text: &str) -> bool {
+fn says(harness: &Harness<'_, Window>, text: &str) -> bool {
     harness.query_all_by_label_contains(text).next().is_some()
 }
 
 /// Saves the session elsewhere, where the window suggests.
-fn save_elsewhere(harness: &mut Harness<'_, App>) {
+fn save_elsewhere(harness: &mut Harness<'_, Window>) {
     harness.get_all_by_label("Save elsewhere…").next().unwrap().click();
     harness.run_steps(3);
     harness.get_by_label("Save there").click();
@@ -33,7 +33,7 @@ fn a_log_that_was_replaced_is_told_of_at_once_and_nothing_said_is_lost() {
     let dir = tempfile::tempdir().unwrap();
     let (mut harness, backstage) = labeling(dir.path(), Protocol::Dropj);
     press(&mut harness, Key::A);
-    let first = harness.state().session().unwrap().dir().to_owned();
+    let first = harness.state().app().open().unwrap().dir().to_owned();
     assert!(says(&harness, "saved · "));
     replace_log(&harness);
     let replaced = fs::read(first.join("events.jsonl")).unwrap();
@@ -50,13 +50,13 @@ fn a_log_that_was_replaced_is_told_of_at_once_and_nothing_said_is_lost() {
     assert_eq!(responses(&harness), both, "both were given, and are there");
     assert!(says(&harness, "saved · ") && !says(&harness, "not saved"));
     let taught = backstage.orders().into_iter().any(
-        |order| matches!(order, Order::Trainer(TrainerCommand::Learn(query, _)) if query.id == QueryId(1)),
+        |order| matches!(order, WorkerCommand::Trainer(TrainerCommand::Learn(query, _)) if query.id == QueryId(1)),
     );
     assert!(taught, "the trainer hears of it as well");
     press(&mut harness, Key::S);
-    let second = harness.state().session().unwrap().dir().to_owned();
+    let second = harness.state().app().open().unwrap().dir().to_owned();
     assert_ne!(first, second);
-    drop(harness);
+    drop((harness, backstage));
 
     let read = SessionStore::open(&second, Some(&ModelIdentity::of(&world().parameters).unwrap())).unwrap();
     assert_eq!(read.session().answers().len(), 3, "it goes on there");
@@ -69,7 +69,7 @@ fn a_folder_that_was_moved_is_told_of_though_nobody_does_anything() {
     let dir = tempfile::tempdir().unwrap();
     let (mut harness, _) = labeling(dir.path(), Protocol::Dropj);
     go(&mut harness, Panel::World);
-    let folder = harness.state().session().unwrap().dir().to_owned();
+    let folder = harness.state().app().open().unwrap().dir().to_owned();
     let moved = folder.with_extension("moved");
     fs::rename(&folder, &moved).unwrap();
     // Nothing else draws the window.
@@ -97,7 +97,7 @@ fn an_answer_that_is_not_on_disk_can_be_given_otherwise_or_taken_back() {
     press(&mut harness, Key::D);
     press(&mut harness, Key::S);
     assert!(says(&harness, "not saved: 1 event"), "the second is instead of the first");
-    let n_unsaved = |harness: &Harness<'_, App>| harness.state().session().unwrap().n_unsaved();
+    let n_unsaved = |harness: &Harness<'_, Window>| harness.state().app().open().unwrap().n_unsaved();
     press(&mut harness, Key::Backspace);
     assert_eq!(n_unsaved(&harness), 0, "it is taken back");
     press(&mut harness, Key::S);
@@ -113,18 +113,18 @@ fn a_dream_that_was_driven_is_kept_until_it_can_be_saved_and_none_begins_that_co
     go(&mut harness, Panel::Dream);
     replace_log(&harness);
     backstage.orders();
-    backstage.report(Report::Dreamt { episode: dream(70), journal: None });
+    backstage.report(Report::Dream(DreamReport::Ended { episode: dream(70), journal: None }));
     harness.run_steps(3);
     assert!(says(&harness, "the dream is not lost") || says(&harness, "The dream is not lost"));
     press(&mut harness, Key::Enter);
-    let begun = |orders: Vec<Order>| {
-        orders.iter().any(|order| matches!(order, Order::Dreamer(DreamerCommand::Start { .. })))
+    let begun = |orders: Vec<WorkerCommand>| {
+        orders.iter().any(|order| matches!(order, WorkerCommand::Dreamer(DreamerCommand::Start { .. })))
     };
     assert!(!begun(backstage.orders()), "nobody drives what could not be kept");
     assert!(says(&harness, "No dream begins"));
 
     save_elsewhere(&mut harness);
-    let session = harness.state().session().unwrap();
+    let session = harness.state().app().open().unwrap();
     assert_eq!(session.session().dreams().last().unwrap().len, 70);
     assert_eq!(session.session().dreams().len(), 3);
     press(&mut harness, Key::Enter);
@@ -141,7 +141,8 @@ fn where_no_session_can_be_kept_it_is_said_before_anybody_drives() {
     assert!(says(&harness, "no place to save"));
     press(&mut harness, Key::Enter);
     let orders = backstage.orders();
-    let is_start = |order: &Order| matches!(order, Order::Dreamer(DreamerCommand::Start { .. }));
+    let is_start =
+        |order: &WorkerCommand| matches!(order, WorkerCommand::Dreamer(DreamerCommand::Start { .. }));
     assert!(!orders.iter().any(is_start), "nobody drives what could not be kept: {orders:?}");
 
     harness.get_all_by_label("Choose another folder…").next().unwrap().click();
@@ -155,7 +156,7 @@ fn where_no_session_can_be_kept_it_is_said_before_anybody_drives() {
     harness.run_steps(3);
     assert!(!says(&harness, "no place to save"));
     press(&mut harness, Key::Enter);
-    let session = harness.state().session().unwrap();
+    let session = harness.state().app().open().unwrap();
     assert!(session.dir().starts_with(&other), "{:?}", session.dir());
     assert!(backstage.orders().iter().any(is_start), "and there it goes on");
     assert_eq!(fs::read(&file).unwrap(), b"not a folder");
@@ -168,7 +169,8 @@ fn a_disk_that_takes_no_files_is_told_of_before_anybody_drives() {
     assert!(says(&harness, "There is no place to keep what is driven and answered"));
     press(&mut harness, Key::Enter);
     let orders = backstage.orders();
-    let is_start = |order: &Order| matches!(order, Order::Dreamer(DreamerCommand::Start { .. }));
+    let is_start =
+        |order: &WorkerCommand| matches!(order, WorkerCommand::Dreamer(DreamerCommand::Start { .. }));
     assert!(!orders.iter().any(is_start), "{orders:?}");
 }
 
@@ -178,22 +180,23 @@ fn a_recording_that_cannot_be_written_stands_and_goes_on_elsewhere() {
     let (mut harness, backstage) = labeling(dir.path(), Protocol::Dropj);
     go(&mut harness, Panel::Record);
     backstage.orders();
-    backstage.report(Report::Held("the disk is full".to_owned()));
+    backstage.report(Report::Record(RecordReport::Held("the disk is full".to_owned())));
     harness.run_steps(3);
     assert!(says(&harness, "The recording stands, and nothing of it is lost"));
     harness.get_by_label("Try again").click();
     harness.run_steps(3);
-    let goes_on = |order: &Order| matches!(order, Order::Recorder(RecorderCommand::Pause(false)));
+    let goes_on =
+        |order: &WorkerCommand| matches!(order, WorkerCommand::Recorder(RecorderCommand::Pause(false)));
     assert!(backstage.orders().iter().any(goes_on));
 
-    backstage.report(Report::Held("the disk is full".to_owned()));
+    backstage.report(Report::Record(RecordReport::Held("the disk is full".to_owned())));
     harness.run_steps(3);
     save_elsewhere(&mut harness);
     let saved = backstage.orders().into_iter().find_map(|order| match order {
-        Order::Recorder(RecorderCommand::SaveIn(dataset)) => Some(dataset),
+        WorkerCommand::Recorder(RecorderCommand::SaveIn(dataset)) => Some(dataset),
         _ => None,
     });
-    backstage.report(Report::Moved(saved.unwrap()));
+    backstage.report(Report::Record(RecordReport::Moved(saved.unwrap())));
     harness.run_steps(3);
     assert!(says(&harness, "The recording is in"));
 }
@@ -204,14 +207,14 @@ fn a_session_with_something_unsaved_is_not_left_for_another() {
     let (mut harness, _) = labeling(dir.path(), Protocol::Dropj);
     replace_log(&harness);
     press(&mut harness, Key::A);
-    let before = harness.state().session().unwrap().dir().to_owned();
+    let before = harness.state().app().open().unwrap().dir().to_owned();
     harness.get_by_label("Sessions…").click();
     harness.run_steps(10);
     harness.get_by_label("DROP").click();
     harness.run_steps(10);
-    assert_eq!(harness.state().session().unwrap().dir(), before);
+    assert_eq!(harness.state().app().open().unwrap().dir(), before);
     assert!(says(&harness, "save that first"));
     harness.get_by_label("Let it go").click();
     harness.run_steps(3);
-    assert_eq!(harness.state().session().unwrap().n_unsaved(), 0);
+    assert_eq!(harness.state().app().open().unwrap().n_unsaved(), 0);
 }

@@ -20,7 +20,7 @@ fn key(key: Key) -> [Event; 2] {
 }
 
 /// One picture of the window, `secs` after the last one, which hears all these keys at once.
-fn picture(harness: &mut Harness<'_, App>, secs: f64, keys: &[Key]) {
+fn picture(harness: &mut Harness<'_, Window>, secs: f64, keys: &[Key]) {
     let now = harness.ctx.input(|input| input.time);
     harness.input_mut().time = Some(now + secs);
     harness.input_mut().events.extend(keys.iter().flat_map(|it| key(*it)));
@@ -30,8 +30,8 @@ fn picture(harness: &mut Harness<'_, App>, secs: f64, keys: &[Key]) {
 }
 
 /// How long each answered pair was on the screen.
-fn secs(harness: &Harness<'_, App>) -> Vec<f32> {
-    let session = harness.state().session().unwrap().session();
+fn secs(harness: &Harness<'_, Window>) -> Vec<f32> {
+    let session = harness.state().app().open().unwrap().session();
     session.answers().iter().map(|given| given.answer.secs).collect()
 }
 
@@ -187,7 +187,7 @@ fn what_is_undone_or_redone_is_to_be_seen_first() {
     }
     let neither = Response::Safety(SafetyAnswer::Neither);
     assert_eq!(responses(&harness), [ONLY_LEFT, neither], "nor of the one after it");
-    assert_eq!(harness.state().shown(), Some(QueryId(2)));
+    assert_eq!(harness.state().app().shown(), Some(QueryId(2)));
 }
 
 #[test]
@@ -203,7 +203,7 @@ fn an_answer_that_is_chosen_from_the_list_is_to_be_seen_first() {
     harness.step();
     picture(&mut harness, 0.04, &[Key::D]);
     picture(&mut harness, 0.04, &[]);
-    assert_eq!(harness.state().shown(), Some(QueryId(0)));
+    assert_eq!(harness.state().app().shown(), Some(QueryId(0)));
     assert_eq!(responses(&harness), [ONLY_LEFT, Response::Safety(SafetyAnswer::Neither)], "it stays");
     press(&mut harness, Key::D);
     assert!(answers(&harness).contains(&(QueryId(0), ONLY_RIGHT)), "{:?}", answers(&harness));
@@ -217,7 +217,11 @@ fn while_clips_are_being_drawn_nothing_is_answered() {
     for key in [Key::A; 5] {
         press(&mut harness, key);
     }
-    assert_eq!((answers(&harness).len(), harness.state().shown()), (5, None), "the next waits for its clips");
+    assert_eq!(
+        (answers(&harness).len(), harness.state().app().shown()),
+        (5, None),
+        "the next waits for its clips"
+    );
     press(&mut harness, Key::G);
     for key in [Key::Y, Key::N, Key::Space, Key::ArrowUp] {
         picture(&mut harness, 0.2, &[key]);
@@ -226,11 +230,11 @@ fn while_clips_are_being_drawn_nothing_is_answered() {
     picture(&mut harness, 0.2, &[Key::F]);
     assert_eq!(answers(&harness).len(), 5);
     let clip = |shade: usize| (0..SEGMENT_LEN).map(|t| frame(shade + 6 * t)).collect();
-    let session = harness.state().session().unwrap().session();
+    let session = harness.state().app().open().unwrap().session();
     let query = session.query(QueryId(5)).unwrap();
     assert!(!query.is_flagged, "nor marked");
     let query = query.query;
-    backstage.report(Report::Clips { query, left: clip(40), right: clip(100) });
+    backstage.report(Report::Label(LabelReport::Clips { query, left: clip(40), right: clip(100) }));
     picture(&mut harness, 0.2, &[Key::N]);
     see(&mut harness);
     harness.get_by_label("Does the left clip stay safe?");
@@ -273,7 +277,7 @@ fn a_justification_counts_for_the_answer_that_was_struck_after_it() {
     see(&mut harness);
     picture(&mut harness, 0.04, &[Key::Num1, Key::ArrowLeft]);
     picture(&mut harness, 0.04, &[]);
-    let all = harness.state().session().unwrap().session().weights().justifications.clone();
+    let all = harness.state().app().open().unwrap().session().weights().justifications.clone();
     let grass = all.named("grass").unwrap();
     assert_eq!(responses(&harness), [Response::Justified(grass, Preference::Left)]);
 }
@@ -291,7 +295,10 @@ fn a_mark_that_was_struck_before_the_dream_was_kept_is_in_it() {
     assert!(
         matches!(
             orders[..],
-            [Order::Dreamer(DreamerCommand::MarkUnsafe), Order::Dreamer(DreamerCommand::Finish)]
+            [
+                WorkerCommand::Dreamer(DreamerCommand::MarkUnsafe),
+                WorkerCommand::Dreamer(DreamerCommand::Finish)
+            ]
         ),
         "{orders:?}"
     );
@@ -313,20 +320,19 @@ fn the_window_draws_until_a_pair_can_be_answered() {
 
 /// Whether a pause was ordered, and by whom it is to be heard.
 fn pauses(backstage: &Backstage) -> Vec<&'static str> {
-    let who = |order: &Order| match order {
-        Order::Dreamer(DreamerCommand::Pause(true)) => Some("dream"),
-        Order::Recorder(RecorderCommand::Pause(true)) => Some("recording"),
-        Order::Dreamer(DreamerCommand::Pause(false)) | Order::Recorder(RecorderCommand::Pause(false)) => {
-            Some("goes on")
-        }
-        Order::Driver(_) => Some("drive"),
+    let who = |order: &WorkerCommand| match order {
+        WorkerCommand::Dreamer(DreamerCommand::Pause(true)) => Some("dream"),
+        WorkerCommand::Recorder(RecorderCommand::Pause(true)) => Some("recording"),
+        WorkerCommand::Dreamer(DreamerCommand::Pause(false))
+        | WorkerCommand::Recorder(RecorderCommand::Pause(false)) => Some("goes on"),
+        WorkerCommand::Driver(_) => Some("drive"),
         _ => None,
     };
     backstage.orders().iter().filter_map(who).collect()
 }
 
 /// Takes the focus away from the window, or gives it.
-fn focus(harness: &mut Harness<'_, App>, has_focus: bool) {
+fn focus(harness: &mut Harness<'_, Window>, has_focus: bool) {
     harness.input_mut().focused = has_focus;
     harness.event(Event::WindowFocused(has_focus));
     harness.run_steps(2);
@@ -366,7 +372,11 @@ fn a_dream_that_the_planner_drives_pauses_too_and_so_does_a_window_that_is_put_a
 fn a_recording_pauses_with_the_focus_and_a_drive_by_plan_goes_on() {
     let dir = tempfile::tempdir().unwrap();
     let (mut harness, backstage) = window(dir.path(), None, vec2(1280.0, 800.0), false);
-    backstage.report(Report::Learned { parameters: world().parameters, n_labels: 12, fit: None });
+    backstage.report(Report::Reward(RewardReport::Learned {
+        parameters: world().parameters,
+        n_labels: 12,
+        fit: None,
+    }));
     go(&mut harness, Panel::Record);
     press(&mut harness, Key::Enter);
     backstage.slots.record.put(view(10));
@@ -414,14 +424,14 @@ fn unplugging_another_pad_lets_go_of_nothing() {
     harness.key_down(Key::ArrowDown);
     harness.run_steps(2);
     let held = Action::new(1.0, 1.0, 0.8);
-    assert_eq!(backstage.action(), held);
+    assert_eq!(backstage.given(), held);
     backstage.pad.lock().unwrap().push(PadEvent::Disconnected(other));
     harness.run_steps(2);
-    assert_eq!(backstage.action(), held);
+    assert_eq!(backstage.given(), held);
     harness.get_by_label_contains("Pad (2) was unplugged, and Pad has the wheel still");
     backstage.pad.lock().unwrap().extend([PadEvent::Moved(Pad::default()), PadEvent::Disconnected(one)]);
     harness.run_steps(2);
-    assert_eq!(backstage.action(), Action::new(0.0, 0.0, 0.8), "keys are held still");
+    assert_eq!(backstage.given(), Action::new(0.0, 0.0, 0.8), "keys are held still");
 }
 
 #[test]
@@ -432,7 +442,7 @@ fn nothing_in_the_log_was_answered_in_no_time() {
     for i in 0..300 {
         picture(&mut harness, 0.017, &[[Key::A, Key::D, Key::S, Key::ArrowUp][i % 4], Key::Space]);
     }
-    let store = harness.state().session().unwrap();
+    let store = harness.state().app().open().unwrap();
     let log = std::fs::read_to_string(store.dir().join("events.jsonl")).unwrap();
     let events = log.lines().map(|line| serde_json::from_str::<serde_json::Value>(line).unwrap());
     let answered = events.filter(|event| event["event"] == "answered");

@@ -2,21 +2,17 @@
 
 use std::time::{Duration, Instant};
 
-use dropj::env::{CarRacing, Seed};
-use dropj::planner::PlannerConfig;
 use dropj::planner::synthesis::{Acquisition, SynthesisConfig};
 use dropj::query::TRAJECTORY_LEN;
 use dropj::reward::RewardConfig;
 use dropj::session::{Choice, replay};
-use dropj::ui::{Plans, Threads};
-use dropj::worker::SynthesizerCommand;
-use dropj::world_model::fit::FitConfig;
+use dropj::worker::{SynthesizerCommand, WorkerName};
 
 use super::looks::has_adapter;
 use super::*;
 
 /// Chooses ReQueST where the questions are those of `before`.
-fn choose_request(harness: &mut Harness<'_, App>, before: Protocol) {
+fn choose_request(harness: &mut Harness<'_, Window>, before: Protocol) {
     harness.get_by_label(before.name()).click();
     harness.run_steps(3);
     harness.get_by_label("ReQueST").click();
@@ -26,7 +22,7 @@ fn choose_request(harness: &mut Harness<'_, App>, before: Protocol) {
 /// The seeds of the trajectories that were wanted, what each was to be, and whether with a reward.
 fn wanted(backstage: &Backstage) -> Vec<(u64, Acquisition, bool)> {
     let wanted = |order| match order {
-        Order::Synthesizer(SynthesizerCommand::Make { seed, acquisition, reward, .. }) => {
+        WorkerCommand::Synthesizer(SynthesizerCommand::Make { seed, acquisition, reward, .. }) => {
             Some((seed, acquisition, reward.is_some()))
         }
         _ => None,
@@ -35,9 +31,9 @@ fn wanted(backstage: &Backstage) -> Vec<(u64, Acquisition, bool)> {
 }
 
 /// Reports a trajectory.
-fn make(harness: &mut Harness<'_, App>, backstage: &Backstage, seed: u64, acquisition: Acquisition) {
+fn make(harness: &mut Harness<'_, Window>, backstage: &Backstage, seed: u64, acquisition: Acquisition) {
     let episode = DreamEpisode { seed, ..dream(TRAJECTORY_LEN) };
-    backstage.report(Report::Synthesized { episode, acquisition });
+    backstage.report(Report::Label(LabelReport::Synthesized { episode, acquisition }));
     harness.run_steps(4);
 }
 
@@ -47,8 +43,8 @@ fn a_trajectory_is_made_kept_and_asked_about_and_the_next_is_made_meanwhile() {
     let (mut harness, backstage) = labeling(dir.path(), Protocol::Dropj);
     choose_request(&mut harness, Protocol::Dropj);
     let [(seed, Acquisition::Uncertainty, false)] = wanted(&backstage)[..] else { panic!("none is wanted") };
-    backstage.report(Report::Synthesizing { seed: seed ^ 1, done: 180, n: 200 });
-    backstage.report(Report::Synthesizing { seed, done: 80, n: 200 });
+    backstage.report(Report::Label(LabelReport::Synthesizing { seed: seed ^ 1, done: 180, n: 200 }));
+    backstage.report(Report::Label(LabelReport::Synthesizing { seed, done: 80, n: 200 }));
     harness.run_steps(2);
     harness.get_by_label("Making a trajectory, 40 %");
     make(&mut harness, &backstage, seed ^ 1, Acquisition::MinReward);
@@ -61,12 +57,12 @@ fn a_trajectory_is_made_kept_and_asked_about_and_the_next_is_made_meanwhile() {
     assert_eq!(wanted(&backstage), [], "there is time: the next one is made by what is learned until then");
 
     let parameters = world().parameters;
-    backstage.report(Report::Learned { parameters, n_labels: 10, fit: None });
+    backstage.report(Report::Reward(RewardReport::Learned { parameters, n_labels: 10, fit: None }));
     for _ in 1..40 {
         press(&mut harness, Key::ArrowUp);
     }
     let [(next, Acquisition::MaxReward, true)] = wanted(&backstage)[..] else { panic!("none is wanted") };
-    backstage.report(Report::Synthesizing { seed: next, done: 20, n: 200 });
+    backstage.report(Report::Label(LabelReport::Synthesizing { seed: next, done: 20, n: 200 }));
     harness.run_steps(2);
     harness.get_by_label_contains("next one: 10 % made");
     for _ in 40..49 {
@@ -76,8 +72,8 @@ fn a_trajectory_is_made_kept_and_asked_about_and_the_next_is_made_meanwhile() {
     make(&mut harness, &backstage, next, Acquisition::MaxReward);
     press(&mut harness, Key::ArrowLeft);
 
-    let folder = harness.state().session().unwrap().dir().to_owned();
-    drop(harness);
+    let folder = harness.state().app().open().unwrap().dir().to_owned();
+    drop((harness, backstage));
     let store = SessionStore::open(&folder, None).unwrap();
     let session = store.session();
     let kept: Vec<_> = session.dreams()[2..].iter().map(|kept| (kept.source, kept.acquisition)).collect();
@@ -102,13 +98,13 @@ fn making_can_be_stopped_fails_in_a_sentence_and_goes_on_when_wanted() {
     let [(seed, ..)] = wanted(&backstage)[..] else { panic!("none is wanted") };
     harness.get_by_label("Stop").click();
     harness.run_steps(3);
-    assert!(matches!(&backstage.orders()[..], [Order::Synthesizer(SynthesizerCommand::Stop)]));
+    assert!(matches!(&backstage.orders()[..], [WorkerCommand::Synthesizer(SynthesizerCommand::Stop)]));
     harness.get_by_label("Make the next one").click();
     harness.run_steps(3);
     let [(again, ..)] = wanted(&backstage)[..] else { panic!("none is wanted") };
     assert_eq!(seed, again, "the same session makes the same");
-    let message = "this classifier was learned in another world model".to_owned();
-    backstage.report(Report::Failed { worker: "synthesizer", message });
+    let message = "this classifier was learned in another world model";
+    backstage.report(failed(WorkerName::Synthesizer, message));
     harness.run_steps(3);
     assert_eq!(wanted(&backstage), [], "not over and over");
     harness.get_by_label("This classifier was learned in another world model");
@@ -120,11 +116,12 @@ fn making_can_be_stopped_fails_in_a_sentence_and_goes_on_when_wanted() {
     harness.get_by_label("DROS").click();
     harness.run_steps(3);
     let stops = backstage.orders().into_iter();
-    let mut stops = stops.filter(|order| matches!(order, Order::Synthesizer(SynthesizerCommand::Stop)));
+    let mut stops =
+        stops.filter(|order| matches!(order, WorkerCommand::Synthesizer(SynthesizerCommand::Stop)));
     assert!(stops.next().is_some(), "another protocol wants none");
     harness.get_by_label("Where does the last step of this clip lead?");
     press(&mut harness, Key::ArrowUp);
-    let session = harness.state().session().unwrap().session();
+    let session = harness.state().app().open().unwrap().session();
     assert!(
         session.dreams().iter().all(|kept| kept.source == DreamSource::User),
         "DROS asks about driven ones"
@@ -134,37 +131,38 @@ fn making_can_be_stopped_fails_in_a_sentence_and_goes_on_when_wanted() {
 #[test]
 fn from_choosing_request_to_three_verdicts_and_a_replay() {
     let dir = tempfile::tempdir().unwrap();
-    let plans = Plans {
-        env: Box::new(|_| Box::new(CarRacing::new(Seed::Native(0)))),
+    let config = WorkerConfig {
         env_name: "dummy-road".to_owned(),
         world: WorldModelConfig::tiny(),
-        fit: FitConfig::full(),
         reward: RewardConfig::tiny(),
-        planner: PlannerConfig::car_racing(),
         synthesis: SynthesisConfig { iterations: 3, ..SynthesisConfig::paper() },
+        ..worker_config()
     };
-    let startup = Startup {
-        hire: Box::new(|reports, model| Box::new(Threads::new(plans, reports, model))),
+    let startup = WindowStartup {
+        workers: Box::new(|wake| Box::new(Threads::new(config, None, wake))),
         ..startup(dir.path(), None, &Backstage::default())
     };
     let builder = Harness::builder().with_size(vec2(1280.0, 800.0)).with_step_dt(0.04);
-    let mut harness = builder.build_eframe(|cc| App::new(cc, startup));
+    let mut harness = builder.build_eframe(|cc| Window::new(cc, startup));
     harness.run_steps(2);
     go(&mut harness, Panel::Label);
     harness.get_by_label("ReQueST").click();
-    for verdict in [Key::ArrowRight, Key::ArrowUp, Key::ArrowLeft] {
+    for (n, verdict) in [Key::ArrowRight, Key::ArrowUp, Key::ArrowLeft].into_iter().enumerate() {
         let began = Instant::now();
-        while harness.state().shown().is_none() {
+        while harness.state().app().shown().is_none() {
             assert!(began.elapsed() < Duration::from_secs(50), "nothing is asked");
             harness.step();
             std::thread::sleep(Duration::from_millis(5));
         }
         press(&mut harness, verdict);
+        // Here a thread writes.
+        wait_for(&mut harness, |harness| responses(harness).len() > n);
     }
     let expected = [Verdict::Good, Verdict::Neutral, Verdict::Unsafe].map(Response::Judged);
     assert_eq!(responses(&harness), expected);
+    wait_for(&mut harness, |harness| harness.state().app().is_settled());
     let (folder, live) = {
-        let store = harness.state().session().unwrap();
+        let store = harness.state().app().open().unwrap();
         (store.dir().to_owned(), store.session().clone())
     };
     drop(harness);
@@ -187,7 +185,7 @@ fn waiting_for_a_trajectory_looks_as_it_did() {
     let (mut harness, backstage) = window(dir.path(), Some(store), vec2(1280.0, 720.0), true);
     go(&mut harness, Panel::Label);
     let [(seed, ..)] = wanted(&backstage)[..] else { panic!("none is wanted") };
-    backstage.report(Report::Synthesizing { seed, done: 80, n: 200 });
+    backstage.report(Report::Label(LabelReport::Synthesizing { seed, done: 80, n: 200 }));
     harness.run_steps(3);
     harness.snapshot("label_waiting");
 }

@@ -4,6 +4,7 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;
 
+use dropj::app::{FirstWorld, Startup};
 use dropj::env::{CarRacing, Seed};
 use dropj::planner::PlannerConfig;
 use dropj::planner::synthesis::SynthesisConfig;
@@ -11,7 +12,8 @@ use dropj::reward::RewardConfig;
 use dropj::run::read_parameters;
 use dropj::session::SessionStore;
 use dropj::tensor::from_slice;
-use dropj::ui::{App, DreamStart, FirstWorld, LoadedWorld, NoPads, Plans, Startup, Threads};
+use dropj::ui::{NoPads, Window, WindowStartup};
+use dropj::worker::{DreamStart, LoadedWorld, Threads, WorkerConfig};
 use dropj::world_model::fit::FitConfig;
 use dropj::world_model::{WorldModel, WorldModelConfig};
 use eframe::egui::vec2;
@@ -21,9 +23,9 @@ use egui_kittest::Harness;
 pub(crate) const FRAME: Duration = Duration::from_millis(20);
 
 /// A window on `session`, or without one, whose sessions and recordings go to `dir`.
-pub(crate) fn real_window(dir: &Path, session: Option<SessionStore>) -> Harness<'static, App> {
+pub(crate) fn real_window(dir: &Path, session: Option<SessionStore>) -> Harness<'static, Window> {
     let world = Path::new(env!("CARGO_MANIFEST_DIR")).join("assets/world-car-racing.safetensors");
-    let plans = Plans {
+    let config = WorkerConfig {
         env: Box::new(|_| Box::new(CarRacing::new(Seed::Native(0)))),
         env_name: "car-racing".to_owned(),
         world: WorldModelConfig::car_racing(),
@@ -31,19 +33,21 @@ pub(crate) fn real_window(dir: &Path, session: Option<SessionStore>) -> Harness<
         reward: RewardConfig::car_racing(),
         planner: PlannerConfig::car_racing(),
         synthesis: SynthesisConfig::paper(),
+        load: Arc::new(|path| Ok(load(path))),
     };
-    let startup = Startup {
+    let app = Startup {
         env: "car-racing".to_owned(),
         sessions: dir.to_owned(),
         dataset: dir.join("recordings"),
         world: FirstWorld::In(world),
         session,
-        load: Arc::new(|path| Ok(load(path))),
-        hire: Box::new(|reports, model| Box::new(Threads::new(plans, reports, model))),
-        input: Box::new(NoPads),
+        seed: 1,
     };
+    let workers =
+        Box::new(|wake| -> Box<dyn dropj::worker::Workers> { Box::new(Threads::new(config, None, wake)) });
+    let startup = WindowStartup { app, workers, input: Box::new(NoPads) };
     let builder = Harness::builder().with_size(vec2(1280.0, 820.0)).with_step_dt(FRAME.as_secs_f32());
-    builder.build_eframe(|cc| App::new(cc, startup))
+    builder.build_eframe(|cc| Window::new(cc, startup))
 }
 
 fn load(path: &Path) -> LoadedWorld {

@@ -3,6 +3,7 @@
 //! It follows Box2D's numerical scheme operation by operation, in single precision, so that an episode equals one of
 //! the Python environment to the last bit. `tests/golden_env.rs` compares them. What the environments do not use is
 //! left out: gravity, damping, restitution, other joints, continuous collision.
+//! By hand on purpose: engines of the registry, such as `rapier2d`, solve in other ways and come to other numbers.
 //!
 //! This is an altered version of Box2D, rewritten in Rust. Box2D's notice is in `assets/licenses/Box2D.txt`.
 

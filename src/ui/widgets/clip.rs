@@ -1,47 +1,85 @@
 //! Pictures with hard pixels, on the graphics card, and clips of them.
 
 use std::cmp::Ordering;
+use std::collections::HashMap;
+use std::sync::{Arc, Mutex, PoisonError};
 
 use eframe::egui::{
-    Align2, Color32, ColorImage, Context, CornerRadius, CursorIcon, FontId, Rect, Response, Role, Sense,
-    Stroke, StrokeKind, TextureHandle, TextureOptions, Ui, Vec2, WidgetInfo, epaint::RectShape, pos2, vec2,
+    Align2, Color32, ColorImage, Context, CornerRadius, CursorIcon, FontId, Id, Rect, Response, Role, Sense,
+    Stroke, StrokeKind, TextureHandle, TextureId, TextureOptions, Ui, Vec2, WidgetInfo, epaint::RectShape,
+    pos2, vec2,
 };
 
-use crate::env::Frame;
+use crate::app::Picture;
 use crate::ui::tokens::Tokens;
 
-/// Twenty pictures, ready to be shown.
-pub(crate) type Clip = Vec<TextureHandle>;
-
-/// The picture of a frame as a new texture.
-pub(crate) fn texture(ctx: &Context, name: &str, frame: &Frame) -> TextureHandle {
-    ctx.load_texture(name, image(frame), TextureOptions::NEAREST)
+/// The pictures that are on the graphics card: those of the last frames, and places for others of their shapes.
+#[derive(Default)]
+struct Textures {
+    /// By the address of their bytes.
+    shown: HashMap<usize, Texture>,
+    free: HashMap<Shape, Vec<TextureHandle>>,
 }
 
-/// Puts a frame into `slot`, making the texture where there is none.
-pub(crate) fn put(ctx: &Context, slot: &mut Option<TextureHandle>, frame: &Frame) {
-    match slot {
-        Some(slot) => slot.set(image(frame), TextureOptions::NEAREST),
-        None => *slot = Some(texture(ctx, "live", frame)),
+/// Pixels from side to side and from top to bottom, and whether they are to be seen.
+type Shape = (u32, u32, bool);
+
+struct Texture {
+    /// What it shows, kept so that nothing else comes to lie at its address.
+    picture: Picture,
+    handle: TextureHandle,
+    /// The frame of the window that showed it last.
+    used: u64,
+}
+
+/// Frames for which a picture stays on the graphics card that is not shown.
+const STAYS: u64 = 2;
+/// Places of one shape that are kept for others.
+const MOST_FREE: usize = 64;
+
+impl Textures {
+    fn of(&mut self, ctx: &Context, picture: &Picture) -> TextureId {
+        let now = ctx.cumulative_frame_nr();
+        let shape = (picture.width, picture.height, picture.is_hard);
+        let found = self.shown.entry(picture.rgb.as_ptr().addr());
+        let texture = found.or_insert_with(|| {
+            let size = [picture.width as usize, picture.height as usize];
+            let image = ColorImage::from_rgb(size, &picture.rgb);
+            let options = if picture.is_hard { TextureOptions::NEAREST } else { TextureOptions::LINEAR };
+            let handle = match self.free.get_mut(&shape).and_then(Vec::pop) {
+                Some(mut handle) => {
+                    handle.set(image, options);
+                    handle
+                }
+                None => ctx.load_texture("picture", image, options),
+            };
+            Texture { picture: picture.clone(), handle, used: now }
+        });
+        texture.used = now;
+        texture.handle.id()
+    }
+
+    /// Frees the places of pictures that are no longer shown.
+    fn tidy(&mut self, now: u64) {
+        for (_, texture) in self.shown.extract_if(|_, texture| texture.used + STAYS < now) {
+            let Picture { width, height, is_hard, .. } = texture.picture;
+            let free = self.free.entry((width, height, is_hard)).or_default();
+            if free.len() < MOST_FREE {
+                free.push(texture.handle);
+            }
+        }
     }
 }
 
-/// Puts a picture of any size into `slot`.
-pub(crate) fn put_picture(
-    ctx: &Context,
-    slot: &mut Option<TextureHandle>,
-    (width, height, rgb): (u32, u32, &[u8]),
-) {
-    let image = ColorImage::from_rgb([width as usize, height as usize], rgb);
-    match slot {
-        Some(slot) => slot.set(image, TextureOptions::LINEAR),
-        None => *slot = Some(ctx.load_texture("scene", image, TextureOptions::LINEAR)),
-    }
+/// The pictures of this window.
+fn textures(ctx: &Context) -> Arc<Mutex<Textures>> {
+    ctx.data_mut(|data| Arc::clone(data.get_temp_mut_or_default(Id::unique("textures"))))
 }
 
-fn image(frame: &Frame) -> ColorImage {
-    let side = frame.side() as usize;
-    ColorImage::from_rgb([side, side], frame.rgb())
+/// Frees the places of pictures that are no longer shown; to be called once a frame.
+pub(crate) fn tidy_textures(ctx: &Context) {
+    let now = ctx.cumulative_frame_nr();
+    textures(ctx).lock().unwrap_or_else(PoisonError::into_inner).tidy(now);
 }
 
 /// How a picture is framed.
@@ -61,7 +99,7 @@ pub(crate) enum Rim {
 /// Draws a picture, as large as `size` allows, or an empty stage that says why it is empty.
 pub(crate) fn picture_ui(
     ui: &mut Ui,
-    picture: Option<&TextureHandle>,
+    picture: Option<&Picture>,
     size: Vec2,
     label: &str,
     empty: &str,
@@ -74,7 +112,7 @@ pub(crate) fn picture_ui(
 }
 
 /// Paints a picture into `rect`, keeping its shape.
-pub(crate) fn paint_picture(ui: &Ui, picture: Option<&TextureHandle>, rect: Rect, empty: &str, rim: Rim) {
+pub(crate) fn paint_picture(ui: &Ui, picture: Option<&Picture>, rect: Rect, empty: &str, rim: Rim) {
     let tokens = Tokens::of(ui);
     let painter = ui.painter();
     let corner = CornerRadius::same(6);
@@ -85,14 +123,16 @@ pub(crate) fn paint_picture(ui: &Ui, picture: Option<&TextureHandle>, rect: Rect
         Rim::Accent => (tokens.accent, 3.0),
     };
     if let Some(picture) = picture {
+        let all = textures(ui.ctx());
+        let texture = all.lock().unwrap_or_else(PoisonError::into_inner).of(ui.ctx(), picture);
         painter.rect_filled(rect, corner, tokens.stage);
-        let shape = picture.size_vec2();
+        let shape = vec2(picture.width as f32, picture.height as f32);
         let scale = (rect.width() / shape.x).min(rect.height() / shape.y);
         let inner = Rect::from_center_size(rect.center(), shape * scale);
         let uv = Rect::from_min_max(pos2(0.0, 0.0), pos2(1.0, 1.0));
         let is_whole = (inner.size() - rect.size()).abs().max_elem() < 1.0;
         let corner = if is_whole { corner } else { CornerRadius::ZERO };
-        painter.add(RectShape::filled(inner, corner, Color32::WHITE).with_texture(picture.id(), uv));
+        painter.add(RectShape::filled(inner, corner, Color32::WHITE).with_texture(texture, uv));
     } else {
         painter.rect_filled(rect, corner, tokens.stage);
         let font = FontId::proportional(14.5);

@@ -3,7 +3,7 @@
 pub(crate) mod clip;
 pub(crate) mod curve;
 pub(crate) mod field;
-pub(crate) mod foretold;
+pub(crate) mod predictions;
 pub(crate) mod gauge;
 pub(crate) mod histogram;
 pub(crate) mod keycap;

@@ -1,7 +1,7 @@
 //! Learns a reward while answers come in, and fits it to the end when asked.
 
 mod dreams;
-mod judge;
+mod sparse;
 #[cfg(test)]
 mod tests;
 
@@ -18,13 +18,16 @@ use crate::reward::{
     EpochReport, Fitted, PredictionMetrics, RewardConfig, RewardEnsemble, SegmentPair, Trainer, fit_anew,
 };
 use crate::tensor::Parameters;
-use crate::worker::{Learning, Report, Reports, TrainerCommand, Worker, one_thread};
+use crate::worker::error::TaskError;
+use crate::worker::{
+    LabelReport, Learning, Reports, RewardReport, TrainerCommand, Worker, WorkerError, WorkerName, one_thread,
+};
 use crate::world_model::WorldModel;
 
 use dreams::Dreams;
-use judge::Judge;
+use sparse::Verdicts;
 
-const NAME: &str = "trainer";
+const NAME: WorkerName = WorkerName::Trainer;
 /// From so many answers on, something can be learned from them, and something be said about them.
 pub const MIN_LABELS: usize = 10;
 /// Once one in so many answers is new, all are learned anew.
@@ -43,16 +46,16 @@ pub fn train(
     reports: &Reports,
     model: Parameters,
     config: RewardConfig,
-) -> Result<(), String> {
+) -> Result<(), WorkerError> {
     one_thread();
-    let model = WorldModel::load(model).map_err(|e| e.to_string())?;
+    let model = WorldModel::load(model)?;
     let mut learner = Learner::new(model, config, reports);
     let mut waiting = VecDeque::new();
     loop {
         let next = waiting.pop_front().map_or_else(|| learner.wait(commands), Ok);
         match next {
             Ok(TrainerCommand::Fit { seed }) => learner.fit(seed, commands, &mut waiting),
-            Ok(command) => learner.hear(command),
+            Ok(command) => learner.handle(command),
             Err(RecvTimeoutError::Timeout) => learner.go_on(),
             Err(RecvTimeoutError::Disconnected) => return Ok(()),
         }
@@ -69,7 +72,7 @@ struct Learner<'a> {
     answers: BTreeMap<QueryId, LabeledQuery>,
     trainer: Trainer,
     /// Verdicts on transitions.
-    judge: Judge,
+    verdicts: Verdicts,
     /// The answers of the trainer, in its order.
     order: Vec<QueryId>,
     rng: ChaCha8Rng,
@@ -95,7 +98,7 @@ impl<'a> Learner<'a> {
             dreams: Dreams::default(),
             answers: BTreeMap::new(),
             trainer: Trainer::new(ensemble),
-            judge: Judge::default(),
+            verdicts: Verdicts::default(),
             order: Vec::new(),
             rng,
             n_new: 0,
@@ -119,14 +122,14 @@ impl<'a> Learner<'a> {
     }
 
     fn is_behind(&self) -> bool {
-        if self.judge.is_last {
-            return self.judge.is_behind();
+        if self.verdicts.is_last {
+            return self.verdicts.is_behind();
         }
         let n = self.order.len();
         n >= MIN_LABELS && self.n_new > 0 && self.n_new * NEW_SHARE >= n
     }
 
-    fn hear(&mut self, command: TrainerCommand) {
+    fn handle(&mut self, command: TrainerCommand) {
         match command {
             TrainerCommand::AddDream(id, episode) => {
                 self.dreams.add(id, episode);
@@ -136,9 +139,9 @@ impl<'a> Learner<'a> {
                     self.reports.fail(NAME, e);
                 }
             }
-            TrainerCommand::Judge(judged) => self.judge.hear(judged),
+            TrainerCommand::LearnVerdict(judged) => self.verdicts.receive(judged),
             TrainerCommand::Forget(id) => {
-                self.judge.forget(id);
+                self.verdicts.forget(id);
                 if self.answers.remove(&id).is_some() {
                     let idx = self.idx(id);
                     self.order.remove(idx);
@@ -146,34 +149,34 @@ impl<'a> Learner<'a> {
                     self.n_new += 1;
                 }
             }
-            TrainerCommand::Weigh(pairs) => {
-                let disagreements = self.has_learned.then(|| self.weigh(&pairs)).transpose();
+            TrainerCommand::MeasureDisagreement(pairs) => {
+                let disagreements = self.has_learned.then(|| self.disagreements(&pairs)).transpose();
                 let disagreements = disagreements.unwrap_or_else(|e| {
                     self.reports.fail(NAME, e);
                     None
                 });
-                self.reports.send(Report::Weighed { pairs, disagreements });
+                self.reports.send(LabelReport::Disagreements { pairs, disagreements });
             }
             TrainerCommand::Relearn => self.n_new = self.order.len(),
-            TrainerCommand::Fit { .. } => unreachable!("a fit hears commands itself"),
+            TrainerCommand::Fit { .. } => unreachable!("a fit receives commands itself"),
         }
     }
 
-    fn weigh(&mut self, pairs: &[[SegmentRef; 2]]) -> Result<Vec<f32>, String> {
+    fn disagreements(&mut self, pairs: &[[SegmentRef; 2]]) -> Result<Vec<f32>, TaskError> {
         let mut rows = |segment| self.dreams.rows(&self.model, segment);
         let pairs = pairs.iter().map(|[left, right]| Ok([rows(*left)?, rows(*right)?]));
-        Ok(self.trainer.ensemble().disagreements(&pairs.collect::<Result<Vec<_>, String>>()?))
+        Ok(self.trainer.ensemble().disagreements(&pairs.collect::<Result<Vec<_>, TaskError>>()?))
     }
 
-    fn learn(&mut self, query: Query, label: Label) -> Result<(), String> {
-        self.judge.is_last = false;
+    fn learn(&mut self, query: Query, label: Label) -> Result<(), TaskError> {
+        self.verdicts.is_last = false;
         match self.answers.get(&query.id) {
             Some(known) if known.label == label => return Ok(()),
             Some(_) => self.trainer.relabel(self.idx(query.id), label),
             None => {
                 let mut rows = |segment| self.dreams.rows(&self.model, segment);
                 let pair = SegmentPair { left: rows(query.left)?, right: rows(query.right)?, label };
-                // Only a reward that has learned the others foretells anything.
+                // Only a reward that has learned the others predicts anything.
                 if self.order.len() >= MIN_LABELS && !self.is_behind() {
                     self.trainer.predict_and_add(&pair);
                 } else {
@@ -197,7 +200,7 @@ impl<'a> Learner<'a> {
     ///
     /// Steps added to an old fit for every answer would soon be more than drive well: see [`RewardConfig::updates`].
     fn go_on(&mut self) {
-        if self.judge.is_behind() {
+        if self.verdicts.is_behind() {
             self.go_on_with_verdicts();
         } else if self.is_behind() {
             let mut losses = Vec::new();
@@ -225,31 +228,30 @@ impl<'a> Learner<'a> {
 
     fn hand_on(&mut self, fit: Option<(u64, Vec<f32>)>) {
         (self.handed_on, self.has_news) = (Some(Instant::now()), false);
-        let (parameters, n_labels) = match &self.judge.parameters {
-            Some(parameters) if self.judge.is_last => (parameters.clone(), self.judge.len()),
+        let (parameters, n_labels) = match &self.verdicts.parameters {
+            Some(parameters) if self.verdicts.is_last => (parameters.clone(), self.verdicts.len()),
             _ => (self.trainer.ensemble().parameters(), self.order.len()),
         };
-        self.reports.send(Report::Learned { parameters, n_labels, fit });
+        self.reports.send(RewardReport::Learned { parameters, n_labels, fit });
     }
 
     /// Fits a fresh ensemble to all answers, the same for the same answers and seed whatever was learned before.
     ///
-    /// What is heard meanwhile goes to `waiting`; another fit, or the end of commands, ends this one.
+    /// What is received meanwhile goes to `waiting`; another fit, or the end of commands, ends this one.
     fn fit(
         &mut self,
         seed: u64,
         commands: &Receiver<TrainerCommand>,
         waiting: &mut VecDeque<TrainerCommand>,
     ) {
-        let n_labels = if self.judge.is_last { self.judge.len() } else { self.answers.len() };
+        let n_labels = if self.verdicts.is_last { self.verdicts.len() } else { self.answers.len() };
         if n_labels == 0 {
-            return self.reports.fail(NAME, "there are no answers to learn from yet");
+            return self.reports.fail(NAME, TaskError::NoAnswers);
         }
-        let Self { model, config, reports, dreams, answers, trainer, judge, .. } = self;
+        let Self { model, config, reports, dreams, answers, trainer, verdicts, .. } = self;
         let labels: Vec<_> = answers.values().copied().collect();
-        let judge_is_last = judge.is_last;
+        let is_sparse = verdicts.is_last;
         let on_epoch = |report: &EpochReport| {
-            let is_sparse = judge_is_last;
             let figures = trainer.recent().filter(|figures| figures.n >= MIN_LABELS && !is_sparse);
             let fit = (report.epoch, Some(report.n_epochs));
             reports.send(learning(figures, fit, &report.losses, n_labels));
@@ -263,9 +265,9 @@ impl<'a> Learner<'a> {
             let is_overtaken = waiting.iter().any(|command| matches!(command, TrainerCommand::Fit { .. }));
             if is_overtaken { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
         };
-        if judge_is_last {
-            let row = |transition| dreams.row(model, transition);
-            match judge.fit(model, Judge::config(true), seed, row, on_epoch) {
+        if is_sparse {
+            let row = |transition| Ok(dreams.row(model, transition)?);
+            match verdicts.fit(model, Verdicts::config(true), seed, row, on_epoch) {
                 Ok(Some(fitted)) => {
                     self.n_fits = 0;
                     self.hand_on(Some((seed, fitted.losses)));
@@ -275,7 +277,7 @@ impl<'a> Learner<'a> {
             }
             return;
         }
-        let rows = |segment| dreams.rows(model, segment);
+        let rows = |segment| Ok::<_, WorkerError>(dreams.rows(model, segment)?);
         match fit_anew(model, config.clone(), seed, &labels, rows, on_epoch) {
             Ok(Some(Fitted { trainer, losses })) => {
                 self.trainer.adopt(trainer);
@@ -288,14 +290,14 @@ impl<'a> Learner<'a> {
     }
 }
 
-/// How far learning is, and how well the latest answers were foretold.
+/// How far learning is, and how well the latest answers were predicted.
 fn learning(
     figures: Option<PredictionMetrics>,
     (epoch, fit_epochs): (usize, Option<usize>),
     losses: &[f64],
     n_labels: usize,
-) -> Report {
-    Report::Learning(Learning {
+) -> RewardReport {
+    RewardReport::Learning(Learning {
         epoch,
         losses: losses.iter().map(|loss| *loss as f32).collect(),
         held_out_loss: figures.map(|figures| figures.log_loss as f32),

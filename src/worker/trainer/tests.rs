@@ -6,11 +6,11 @@ use std::sync::mpsc::channel;
 use super::*;
 use crate::query::{DreamId, Response, SafetyAnswer, Weights};
 use crate::tensor::to_vec;
-use crate::worker::toy;
+use crate::worker::{Report, fixtures};
 
 fn answer(id: u32, answer: SafetyAnswer) -> TrainerCommand {
     let label = Weights::car_racing().label(&Response::Safety(answer)).unwrap();
-    TrainerCommand::Learn(toy::query(id, (0, id as usize % 40), (1, id as usize * 7 % 40)), label)
+    TrainerCommand::Learn(fixtures::query(id, (0, id as usize % 40), (1, id as usize * 7 % 40)), label)
 }
 
 pub(super) fn answers(ids: impl IntoIterator<Item = u32>) -> Vec<TrainerCommand> {
@@ -20,34 +20,36 @@ pub(super) fn answers(ids: impl IntoIterator<Item = u32>) -> Vec<TrainerCommand>
 
 /// What comes of `commands`, given two dreams.
 fn reports_of(commands: impl IntoIterator<Item = TrainerCommand>) -> Vec<Report> {
-    let (sender, heard) = channel();
+    let (sender, received) = channel();
     for id in 0..2 {
-        let dream = Arc::new(toy::dream(id, 60));
+        let dream = Arc::new(fixtures::dream(id, 60));
         sender.send(TrainerCommand::AddDream(DreamId(id as u32), dream)).unwrap();
     }
     commands.into_iter().for_each(|command| sender.send(command).unwrap());
     let (reports, inbox) = Reports::new(|| ());
-    let model = toy::model().parameters().clone();
+    let model = fixtures::model().parameters().clone();
     drop(sender);
-    train(&heard, &reports, model, RewardConfig::tiny()).unwrap();
+    train(&received, &reports, model, RewardConfig::tiny()).unwrap();
     drop(reports);
-    inbox.into_iter().collect()
+    inbox.iter().collect()
 }
 
 /// The parameters after a full fit with seed 4, which nothing interrupts, after `commands`.
 fn fitted(commands: Vec<TrainerCommand>) -> (Parameters, usize) {
     let (reports, inbox) = Reports::new(|| ());
-    let trainer = spawn(toy::model().parameters().clone(), RewardConfig::tiny(), &reports);
+    let trainer = spawn(fixtures::model().parameters().clone(), RewardConfig::tiny(), &reports);
     for id in 0..2 {
-        trainer.send(TrainerCommand::AddDream(DreamId(id as u32), Arc::new(toy::dream(id, 60))));
+        trainer.send(TrainerCommand::AddDream(DreamId(id as u32), Arc::new(fixtures::dream(id, 60))));
     }
     for command in commands {
         trainer.send(command);
     }
     trainer.send(TrainerCommand::Fit { seed: 4 });
     let ended = inbox.iter().find_map(|report| match report {
-        Report::Learned { parameters, n_labels, fit: Some((4, _)) } => Some((parameters, n_labels)),
-        Report::Failed { message, .. } => panic!("{message}"),
+        Report::Reward(RewardReport::Learned { parameters, n_labels, fit: Some((4, _)) }) => {
+            Some((parameters, n_labels))
+        }
+        Report::Failed(failure) => panic!("{failure:?}"),
         _ => None,
     });
     ended.unwrap()
@@ -68,54 +70,62 @@ fn the_same_answers_and_seed_fit_the_same_reward_however_they_came_about() {
 }
 
 #[test]
-fn enough_answers_teach_the_reward_and_hand_it_on() {
+fn from_enough_answers_a_reward_is_learned_and_handed_on() {
     let (reports, inbox) = Reports::new(|| ());
-    let trainer = spawn(toy::model().parameters().clone(), RewardConfig::tiny(), &reports);
+    let trainer = spawn(fixtures::model().parameters().clone(), RewardConfig::tiny(), &reports);
     for id in 0..2 {
-        trainer.send(TrainerCommand::AddDream(DreamId(id as u32), Arc::new(toy::dream(id, 60))));
+        trainer.send(TrainerCommand::AddDream(DreamId(id as u32), Arc::new(fixtures::dream(id, 60))));
     }
     for command in answers(0..MIN_LABELS as u32) {
         trainer.send(command);
     }
     let first = inbox.recv().unwrap();
-    let Report::Learning(Learning { epoch: 1, n_labels, fit_epochs: None, losses, .. }) = first else {
-        panic!("{first:?}")
+    let Report::Reward(RewardReport::Learning(learning)) = first else { panic!("{first:?}") };
+    let Learning { epoch: 1, n_labels, fit_epochs: None, losses, .. } = learning else {
+        panic!("{learning:?}")
     };
     assert_eq!((n_labels, losses.len()), (MIN_LABELS, 2));
     let handed_on = inbox.iter().find_map(|report| match report {
-        Report::Learned { parameters, fit: None, .. } => Some(parameters),
+        Report::Reward(RewardReport::Learned { parameters, fit: None, .. }) => Some(parameters),
         _ => None,
     });
     let ensemble = RewardEnsemble::load(&handed_on.unwrap()).unwrap();
-    assert!(ensemble.require(toy::model().identity()).is_ok(), "it names the model it was learned in");
+    assert!(ensemble.require(fixtures::model().identity()).is_ok(), "it names the model it was learned in");
 }
 
 #[test]
-fn pairs_are_weighed_once_something_was_learned() {
+fn disagreement_is_measured_once_something_was_learned() {
     let segment = |dream, start| SegmentRef { dream: DreamId(dream), start };
     let pairs = vec![[segment(0, 3), segment(1, 9)], [segment(1, 5), segment(1, 5)]];
     let (reports, inbox) = Reports::new(|| ());
-    let trainer = spawn(toy::model().parameters().clone(), RewardConfig::tiny(), &reports);
-    let weigh = |pairs: &[[SegmentRef; 2]]| {
-        trainer.send(TrainerCommand::Weigh(pairs.to_vec()));
-        let weighed = inbox.iter().find_map(|report| match report {
-            Report::Weighed { disagreements, .. } => Some(disagreements),
+    let trainer = spawn(fixtures::model().parameters().clone(), RewardConfig::tiny(), &reports);
+    let measure = |pairs: &[[SegmentRef; 2]]| {
+        trainer.send(TrainerCommand::MeasureDisagreement(pairs.to_vec()));
+        let measured = inbox.iter().find_map(|report| match report {
+            Report::Label(LabelReport::Disagreements { disagreements, .. }) => Some(disagreements),
             _ => None,
         });
-        weighed.unwrap()
+        measured.unwrap()
     };
     for id in 0..2 {
-        trainer.send(TrainerCommand::AddDream(DreamId(id as u32), Arc::new(toy::dream(id, 60))));
+        trainer.send(TrainerCommand::AddDream(DreamId(id as u32), Arc::new(fixtures::dream(id, 60))));
     }
-    assert_eq!(weigh(&pairs), None);
+    assert_eq!(measure(&pairs), None);
     for command in answers(0..12) {
         trainer.send(command);
     }
     trainer.send(TrainerCommand::Fit { seed: 4 });
-    inbox.iter().find(|report| matches!(report, Report::Learned { fit: Some(_), .. })).unwrap();
-    let found = weigh(&pairs).unwrap();
+    inbox
+        .iter()
+        .find(|report| matches!(report, Report::Reward(RewardReport::Learned { fit: Some(_), .. })))
+        .unwrap();
+    let found = measure(&pairs).unwrap();
     assert!(found[0] > 0.0 && found[1] == 0.0, "{found:?}");
-    assert_eq!(weigh(&[[segment(0, 41), segment(0, 0)]]), None, "what is beyond a dream cannot be weighed");
+    assert_eq!(
+        measure(&[[segment(0, 41), segment(0, 0)]]),
+        None,
+        "what is beyond a dream cannot be measured"
+    );
 }
 
 #[test]
@@ -126,55 +136,54 @@ fn too_few_answers_are_only_taken_up() {
 #[test]
 fn what_cannot_be_learned_is_said_in_a_sentence() {
     let label = Weights::car_racing().label(&Response::Safety(SafetyAnswer::Neither)).unwrap();
-    let unknown = TrainerCommand::Learn(toy::query(0, (0, 41), (9, 0)), label);
+    let unknown = TrainerCommand::Learn(fixtures::query(0, (0, 41), (9, 0)), label);
     let reports = reports_of([unknown, TrainerCommand::Fit { seed: 0 }]);
-    let [Report::Failed { message: one, .. }, Report::Failed { message: other, .. }] = &reports[..] else {
-        panic!("{reports:?}")
-    };
+    let [Report::Failed(one), Report::Failed(other)] = &reports[..] else { panic!("{reports:?}") };
+    let [one, other] = [one, other].map(|failure| failure.error.to_string());
     assert!(one.contains("step 41 of dream 0") && other.contains("no answers"), "{one}; {other}");
 }
 
 #[test]
 fn answers_that_weigh_differently_are_learned_anew_at_once() {
     let (reports, _inbox) = Reports::new(|| ());
-    let mut learner = Learner::new(toy::model(), RewardConfig::tiny(), &reports);
+    let mut learner = Learner::new(fixtures::model(), RewardConfig::tiny(), &reports);
     for id in 0..2 {
-        learner.hear(TrainerCommand::AddDream(DreamId(id as u32), Arc::new(toy::dream(id, 60))));
+        learner.handle(TrainerCommand::AddDream(DreamId(id as u32), Arc::new(fixtures::dream(id, 60))));
     }
     for command in answers(0..40) {
-        learner.hear(command);
+        learner.handle(command);
     }
     learner.go_on();
     let weights = Weights { safety: 0.9, ..Weights::car_racing() };
     let label = weights.label(&Response::Safety(SafetyAnswer::OnlyLeft)).unwrap();
-    learner.hear(TrainerCommand::Learn(toy::query(0, (0, 0), (1, 0)), label));
+    learner.handle(TrainerCommand::Learn(fixtures::query(0, (0, 0), (1, 0)), label));
     assert!(!learner.is_behind(), "one answer in forty can wait");
-    learner.hear(TrainerCommand::Relearn);
+    learner.handle(TrainerCommand::Relearn);
     assert!(learner.is_behind(), "but other weights cannot");
 }
 
 #[test]
-fn a_changed_answer_is_not_foretold_again() {
+fn a_changed_answer_is_not_predicted_again() {
     let (reports, _inbox) = Reports::new(|| ());
-    let mut learner = Learner::new(toy::model(), RewardConfig::tiny(), &reports);
+    let mut learner = Learner::new(fixtures::model(), RewardConfig::tiny(), &reports);
     for id in 0..2 {
-        learner.hear(TrainerCommand::AddDream(DreamId(id as u32), Arc::new(toy::dream(id, 60))));
+        learner.handle(TrainerCommand::AddDream(DreamId(id as u32), Arc::new(fixtures::dream(id, 60))));
     }
     for command in answers(0..20) {
-        learner.hear(command);
+        learner.handle(command);
     }
-    assert_eq!(learner.trainer.overall(), None, "a reward that has learned nothing foretells nothing");
+    assert_eq!(learner.trainer.overall(), None, "a reward that has learned nothing predicts nothing");
     while learner.is_behind() {
         learner.go_on();
     }
     for command in answers(20..22) {
-        learner.hear(command);
+        learner.handle(command);
     }
-    let n_foretold = |learner: &Learner<'_>| learner.trainer.overall().map(|f| (f.n, f.n_strict));
-    assert_eq!(n_foretold(&learner), Some((2, 2)));
-    learner.hear(answer(20, SafetyAnswer::Neither));
-    assert_eq!(n_foretold(&learner), Some((2, 1)));
-    learner.hear(TrainerCommand::Forget(QueryId(20)));
-    assert_eq!(n_foretold(&learner), Some((1, 1)));
+    let n_predicted = |learner: &Learner<'_>| learner.trainer.overall().map(|f| (f.n, f.n_strict));
+    assert_eq!(n_predicted(&learner), Some((2, 2)));
+    learner.handle(answer(20, SafetyAnswer::Neither));
+    assert_eq!(n_predicted(&learner), Some((2, 1)));
+    learner.handle(TrainerCommand::Forget(QueryId(20)));
+    assert_eq!(n_predicted(&learner), Some((1, 1)));
     assert_eq!((learner.order.len(), learner.trainer.n_labels()), (21, 21));
 }

@@ -16,7 +16,7 @@ use tch::{Device, Tensor, nn};
 
 use crate::dataset::{Dataset, DatasetError};
 use crate::run::{Run, RunError};
-use crate::tensor::limits::OutOfRange;
+use crate::tensor::limits::{MAX_COUNT, OutOfRange, within};
 use crate::tensor::{NotFinite, Parameters, ParametersError, from_frames, normal};
 use crate::world_model::{MdnRnn, Vae, WorldModel, WorldModelConfig, fast_kind};
 
@@ -43,6 +43,19 @@ pub struct Schedule {
 }
 
 impl Schedule {
+    /// Fails where nothing can be trained so; `what` is trained.
+    fn check(&self, what: &str) -> Result<(), OutOfRange> {
+        within(&format!("the batch of {what}"), self.batch, 1..=MAX_COUNT)?;
+        within(
+            &format!("the number of updates in an epoch of {what}"),
+            self.updates_per_epoch,
+            1..=MAX_COUNT,
+        )?;
+        within(&format!("the number of epochs of {what}"), self.max_epochs, 1..=MAX_COUNT)?;
+        within(&format!("the learning rate of {what}"), self.learning_rate, 0.0..=1e3)?;
+        within(&format!("the smallest learning rate of {what}"), self.min_learning_rate, 0.0..=1e3)
+    }
+
     /// The most that the learning rate may be in `epoch`: with the end in sight it falls to a third, then to a tenth.
     fn ceiling(&self, epoch: usize) -> f64 {
         match epoch * 20 / self.max_epochs.max(1) {
@@ -92,6 +105,14 @@ impl FitConfig {
             patience: 4,
         };
         Self { seed: 0, held_out: 0.1, window: 250, vae, mdn_rnn }
+    }
+
+    /// Fails where no world model can be trained so.
+    pub fn check(&self) -> Result<(), OutOfRange> {
+        within("the share of episodes that is held out", self.held_out, 0.0..=0.9)?;
+        within("the number of steps in a stretch", self.window, 2..=MAX_COUNT)?;
+        self.vae.check("vision")?;
+        self.mdn_rnn.check("memory")
     }
 
     /// A few seconds on toys.

@@ -1,0 +1,86 @@
+//! The planner drives the real car.
+
+use crate::app::{App, Field, Picture};
+use crate::evaluation::EpisodeMetrics;
+use crate::worker::{DeployReport, DriveView, DriverCommand, WorkerCommand};
+
+/// On the car that the planner drives.
+#[derive(Clone, Debug, PartialEq)]
+pub enum DeployCommand {
+    /// Lets the planner drive an episode.
+    Start,
+    /// Stops its clock, or lets it go on.
+    Pause,
+    /// Ends the episode.
+    Stop,
+}
+
+/// The planner drives.
+#[derive(Debug, Default)]
+pub(crate) struct Deploying {
+    pub is_on: bool,
+    pub is_paused: bool,
+    pub seed: u64,
+    pub view: Option<DriveView>,
+    pub picture: Option<Picture>,
+    /// Last pictures of the candidates.
+    pub candidates: Vec<Option<Picture>>,
+    /// Episodes that ended: the track's seed and the figures.
+    pub episodes: Vec<(u64, EpisodeMetrics)>,
+}
+
+impl App {
+    pub(super) fn deploy_command(&mut self, command: DeployCommand) {
+        match command {
+            DeployCommand::Start => {
+                let Some(seed) = self.track_seed(Field::DeploySeed) else { return };
+                let deploy = &mut self.state.deploy;
+                (deploy.is_on, deploy.is_paused, deploy.seed) = (true, false, seed);
+                self.send(WorkerCommand::Driver(DriverCommand::Drive { seed }));
+            }
+            DeployCommand::Pause => {
+                let is_paused = !self.state.deploy.is_paused;
+                self.state.deploy.is_paused = is_paused;
+                self.send(WorkerCommand::Driver(DriverCommand::Pause(is_paused)));
+            }
+            DeployCommand::Stop => {
+                self.state.deploy.is_on = false;
+                self.send(WorkerCommand::Driver(DriverCommand::Stop));
+            }
+        }
+    }
+
+    pub(super) fn deploy_report(&mut self, report: DeployReport) {
+        let deploy = &mut self.state.deploy;
+        match report {
+            DeployReport::View(view) => {
+                deploy.picture = Some(Picture::from(&view.picture));
+                let last =
+                    |candidate: &crate::worker::CandidateView| candidate.frames.last().map(Picture::from);
+                deploy.candidates = view.candidates.iter().map(last).collect();
+                deploy.view = Some(view);
+            }
+            DeployReport::Ended { seed, metrics } => {
+                deploy.is_on = false;
+                deploy.episodes.push((seed, metrics));
+                self.next_track(Field::DeploySeed);
+            }
+        }
+    }
+
+    /// The seed of a track that somebody has typed; says so where it is none.
+    pub(super) fn track_seed(&mut self, field: Field) -> Option<u64> {
+        let seed = self.state.field(field).trim().parse().ok();
+        if seed.is_none() {
+            self.fail("the seed of a track is a whole number, such as 7".to_owned());
+        }
+        seed
+    }
+
+    /// Another track each time, unless somebody writes which.
+    pub(super) fn next_track(&mut self, field: Field) {
+        if let Ok(seed) = self.state.field(field).trim().parse::<u64>() {
+            self.state.fields.insert(field, seed.wrapping_add(1).to_string());
+        }
+    }
+}

@@ -1,0 +1,73 @@
+//! Places in the window, and the fields that are typed into there.
+
+/// A place in the window, in the order of the work.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub enum Panel {
+    /// Driving the real car to record it.
+    Record,
+    /// Fitting and choosing a world model.
+    World,
+    /// Driving in a dream.
+    #[default]
+    Dream,
+    /// Answering queries.
+    Label,
+    /// Watching the reward learn.
+    Reward,
+    /// Watching the planner drive.
+    Deploy,
+}
+
+impl Panel {
+    /// All of them, in the order of the work.
+    pub const ALL: [Self; 6] =
+        [Self::Record, Self::World, Self::Dream, Self::Label, Self::Reward, Self::Deploy];
+
+    /// What it is called.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Record => "Record",
+            Self::World => "World model",
+            Self::Dream => "Dream",
+            Self::Label => "Label",
+            Self::Reward => "Reward",
+            Self::Deploy => "Deploy",
+        }
+    }
+}
+
+/// A field that can be typed into.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub enum Field {
+    /// The folder of recordings, to record into and to fit from.
+    Dataset,
+    /// The file of the world model that is fitted.
+    ModelOut,
+    /// The file of a world model to load.
+    ModelIn,
+    /// The seed of the track to record on.
+    RecordSeed,
+    /// The seed of the track to deploy on.
+    DeploySeed,
+    /// The folder of a session to open.
+    Session,
+    /// Who answers.
+    Annotator,
+    /// Where to save what cannot be saved in its place.
+    SaveAs,
+    /// Who is to answer the queries that are handed on.
+    HandOnTo,
+}
+
+/// What a file or folder is chosen for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Purpose {
+    /// To stand in a field.
+    Field(Field),
+    /// A world model to load.
+    World,
+    /// A folder of recordings to use.
+    Recordings,
+    /// Sessions to merge with others.
+    Merge,
+}

@@ -1,0 +1,184 @@
+//! What is chosen by its name on the command line.
+
+use clap::ValueEnum;
+use dropj::env::{Aids, CarRacing, Env, ObstacleCarRacing, Obstacles, Seed};
+use dropj::planner::PlannerConfig;
+use dropj::query::{Protocol, Strategy};
+use dropj::simulate::player::Manner;
+use dropj::tensor::{Dtype, Parameters};
+use dropj::world_model::WorldModelConfig;
+
+use super::error::CliError;
+
+/// The worlds that can be driven in.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum EnvName {
+    /// Car Racing.
+    CarRacing,
+    /// Obstacle Car Racing with chuckholes and other cars.
+    ObstacleCarRacing,
+    /// Obstacle Car Racing with chuckholes alone.
+    ObstacleCarRacingChuckholes,
+}
+
+/// Whether something helps.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum Switch {
+    /// It does.
+    On,
+    /// It does not.
+    Off,
+}
+
+impl Switch {
+    /// All the aids there are, or none.
+    pub(crate) fn aids(self) -> Aids {
+        if self == Self::On { Aids::ALL } else { Aids::NONE }
+    }
+}
+
+impl EnvName {
+    /// The world itself; where there are obstacles, `aids` may help the driver.
+    pub(crate) fn open(self, aids: Aids) -> Box<dyn Env> {
+        let seed = Seed::Native(0);
+        match self {
+            Self::CarRacing => Box::new(CarRacing::new(seed)),
+            Self::ObstacleCarRacing => {
+                Box::new(ObstacleCarRacing::new(seed, Obstacles::ChuckholesAndCars, aids))
+            }
+            Self::ObstacleCarRacingChuckholes => {
+                Box::new(ObstacleCarRacing::new(seed, Obstacles::Chuckholes, aids))
+            }
+        }
+    }
+
+    /// The networks that two cores train and dream with for it.
+    pub(crate) fn world(self) -> WorldModelConfig {
+        match self {
+            Self::CarRacing => WorldModelConfig::car_racing(),
+            Self::ObstacleCarRacing | Self::ObstacleCarRacingChuckholes => {
+                WorldModelConfig::obstacle_compact()
+            }
+        }
+    }
+
+    /// How the planner looks ahead there.
+    pub(crate) fn planner(self) -> PlannerConfig {
+        match self {
+            Self::CarRacing => PlannerConfig::car_racing(),
+            Self::ObstacleCarRacing => PlannerConfig::obstacle_car_racing(),
+            Self::ObstacleCarRacingChuckholes => PlannerConfig::obstacle_car_racing_chuckholes(),
+        }
+    }
+
+    /// The world that is called so in sessions and recordings.
+    pub(crate) fn named(name: &str) -> Result<Self, CliError> {
+        Self::from_str(name, false).map_err(|_| CliError::World(name.to_owned()))
+    }
+
+    /// What it is called, here and in sessions and recordings.
+    pub(crate) fn name(self) -> &'static str {
+        match self {
+            Self::CarRacing => "car-racing",
+            Self::ObstacleCarRacing => "obstacle-car-racing",
+            Self::ObstacleCarRacingChuckholes => "obstacle-car-racing-chuckholes",
+        }
+    }
+}
+
+/// The questions that can be asked.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum ProtocolName {
+    /// Left or right
+    Drop,
+    /// Left, equal or right
+    Drope,
+    /// Which clips stay safe, and which is better where both do
+    Dropj,
+    /// The most severe thing that happened, and which is better
+    DropjMulti,
+    /// Verdicts on the steps of trajectories that were made to be worth asking about
+    Request,
+    /// Verdicts on the steps of dreams
+    Dros,
+}
+
+impl From<ProtocolName> for Protocol {
+    fn from(name: ProtocolName) -> Self {
+        match name {
+            ProtocolName::Drop => Self::Drop,
+            ProtocolName::Drope => Self::Drope,
+            ProtocolName::Dropj => Self::Dropj,
+            ProtocolName::DropjMulti => Self::DropjMulti,
+            ProtocolName::Request => Self::Request,
+            ProtocolName::Dros => Self::Dros,
+        }
+    }
+}
+
+/// The ways to choose pairs.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum StrategyName {
+    /// By chance
+    Uniform,
+    /// By chance, but seldom two that are likely unsafe
+    Balanced,
+    /// Where the reward's networks disagree
+    Disagreement,
+    /// Near where the road was left
+    Boundary,
+}
+
+impl From<StrategyName> for Strategy {
+    fn from(name: StrategyName) -> Self {
+        match name {
+            StrategyName::Uniform => Self::Uniform,
+            StrategyName::Balanced => Self::Balanced,
+            StrategyName::Disagreement => Self::Disagreement,
+            StrategyName::Boundary => Self::SafetyBoundary,
+        }
+    }
+}
+
+/// What players can be after.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum MannerName {
+    /// Off the road nearly half of the time
+    Exploring,
+    /// Fast along the road, slow beside it
+    Touring,
+}
+
+impl From<MannerName> for Manner {
+    fn from(name: MannerName) -> Self {
+        match name {
+            MannerName::Exploring => Self::Exploring,
+            MannerName::Touring => Self::Touring,
+        }
+    }
+}
+
+/// How the numbers of networks are stored; they are computed with in whatever is best here.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum Precision {
+    /// Single precision, four bytes
+    F32,
+    /// Half precision, two bytes
+    F16,
+    /// Two bytes with the range of single precision
+    Bf16,
+}
+
+impl Precision {
+    /// `parameters` with their networks stored so; starts and the numbers of episodes stay as they are.
+    pub(crate) fn store(self, parameters: &Parameters) -> anyhow::Result<Parameters> {
+        const NETWORKS: [&str; 5] = ["vae.", "mdn_rnn.", "probe.", "reward.", "sparse_reward."];
+        let dtype = match self {
+            Self::F32 => Dtype::F32,
+            Self::F16 => Dtype::F16,
+            Self::Bf16 => Dtype::BF16,
+        };
+        let is_network = |name: &str| NETWORKS.iter().any(|prefix| name.starts_with(prefix));
+        Ok(parameters.narrowed(dtype, is_network)?)
+    }
+}

@@ -1,0 +1,145 @@
+//! Learning what a session's answers say: what `refit` and `simulate` share.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::ops::ControlFlow;
+
+use anyhow::Context as _;
+use dropj::dream::DreamEpisode;
+use dropj::query::{DreamId, Protocol, SegmentRef, Transition};
+use dropj::reward::{
+    EpochReport, Fitted, HeldOut, PredictionMetrics, RewardConfig, SparseConfig, SparseFit, fit_anew,
+    fit_sparse_anew, predict_held_out, segment_rows, transition_row,
+};
+use dropj::session::{Fit, Session, SessionError, SessionStore};
+use dropj::tensor::{NotFinite, Parameters};
+use dropj::world_model::WorldModel;
+
+use super::meter::Meter;
+
+/// Said where a session has no verdicts.
+pub(crate) const NO_VERDICTS: &str = "there are no verdicts to learn from";
+/// Said where a session has no answers.
+pub(crate) const NO_ANSWERS: &str = "there are no answers to learn from";
+
+/// What a fit of a reward counts.
+const EPOCHS: &str = "learning, epochs";
+
+/// The loss that a fit tells, the mean over the networks.
+fn loss(report: &EpochReport) -> String {
+    format!("loss {:.4}", report.losses.iter().sum::<f64>() / report.losses.len().max(1) as f64)
+}
+
+/// How verdicts given under `protocol` are learned.
+pub(crate) fn sparse_config(protocol: Protocol) -> SparseConfig {
+    if protocol == Protocol::Request { SparseConfig::request() } else { SparseConfig::dros() }
+}
+
+/// Fits a fresh classifier to every verdict of the session and keeps it there.
+pub(crate) fn fit_sparse(
+    store: &mut SessionStore,
+    model: &WorldModel,
+    config: SparseConfig,
+    seed: u64,
+) -> anyhow::Result<Fit> {
+    let judged: BTreeSet<_> = store.session().judged().iter().map(|judged| judged.transition.dream).collect();
+    let dreams = judged.into_iter().map(|id| Ok((id, store.dream(id)?)));
+    let dreams = dreams.collect::<Result<_, SessionError>>()?;
+    let (parameters, fit) = learn_sparse(store.session(), &dreams, model, config, seed)?;
+    store.save_reward(&parameters, fit.clone())?;
+    Ok(fit)
+}
+
+/// Fits a fresh classifier to every verdict of a session with these dreams, and says how.
+pub(crate) fn learn_sparse(
+    session: &Session,
+    dreams: &BTreeMap<DreamId, DreamEpisode>,
+    model: &WorldModel,
+    config: SparseConfig,
+    seed: u64,
+) -> anyhow::Result<(Parameters, Fit)> {
+    // Batches are small: a second thread would mostly be waited for.
+    tch::set_num_threads(1);
+    let judged = session.judged();
+    anyhow::ensure!(!judged.is_empty(), NO_VERDICTS);
+    let features: BTreeMap<_, _> = dreams.iter().map(|(id, dream)| (*id, dream.features(model))).collect();
+    let row = |transition: Transition| {
+        let (dream, features) = (&dreams[&transition.dream], &features[&transition.dream]);
+        Ok::<_, NotFinite>(transition_row(features, &dream.actions, transition.step))
+    };
+    let mut epochs = 0;
+    let mut meter = Meter::new();
+    let fitted = fit_sparse_anew(model, config, seed, &judged, row, |report| {
+        epochs = report.epoch as u32;
+        meter.at(EPOCHS, report.epoch, report.n_epochs, || loss(report));
+        ControlFlow::Continue(())
+    })?;
+    drop(meter);
+    let SparseFit { reward, losses, held_out } = fitted.context("the fit was broken off")?;
+    if let Some(HeldOut { n, loss, accuracy }) = held_out {
+        println!("of {n} verdicts held out: log-loss {loss:.3} nats, {:.0} % predicted", 100.0 * accuracy);
+    }
+    let (after, n_labels) = (session.n_entries(), judged.len());
+    let fit = Fit { after, n_labels, seed, epochs, losses, held_out: held_out.map(|held_out| held_out.loss) };
+    Ok((reward.parameters(), fit))
+}
+
+/// Fits a fresh reward to every answer of the session and keeps it there.
+pub(crate) fn fit_reward(
+    store: &mut SessionStore,
+    model: &WorldModel,
+    config: RewardConfig,
+    seed: u64,
+    held_out: Option<f64>,
+) -> anyhow::Result<Fit> {
+    let dreams = store.session().dream_lens().into_iter();
+    let dreams = dreams.map(|(id, _)| Ok((id, store.dream(id)?))).collect::<Result<_, SessionError>>()?;
+    let (parameters, fit) = learn_reward(store.session(), &dreams, model, config, seed, held_out)?;
+    store.save_reward(&parameters, fit.clone())?;
+    Ok(fit)
+}
+
+/// Fits a fresh reward to every answer of a session with these dreams, and says how.
+pub(crate) fn learn_reward(
+    session: &Session,
+    dreams: &BTreeMap<DreamId, DreamEpisode>,
+    model: &WorldModel,
+    config: RewardConfig,
+    seed: u64,
+    held_out: Option<f64>,
+) -> anyhow::Result<(Parameters, Fit)> {
+    let features: BTreeMap<_, _> = dreams.iter().map(|(id, dream)| (*id, dream.features(model))).collect();
+    let rows = |segment: SegmentRef| {
+        let (dream, features) = (&dreams[&segment.dream], &features[&segment.dream]);
+        Ok::<_, NotFinite>(segment_rows(features, &dream.actions, segment))
+    };
+    let labels = session.labeled();
+    anyhow::ensure!(!labels.is_empty(), NO_ANSWERS);
+    let epochs = config.epochs(labels.len()) as u32;
+    let figures = held_out.map(|share| predict_held_out(model, config.clone(), seed, &labels, rows, share));
+    let figures = figures.transpose()?;
+    if let Some(figures) = figures {
+        let PredictionMetrics { n, log_loss, floor, n_strict, agreement } =
+            figures.context("there are too few answers to hold some out")?;
+        println!(
+            "of {n} answers held out: log-loss {log_loss:.3} nats (at least {floor:.3}), \
+             {:.0} % of {n_strict} strict ones predicted",
+            100.0 * agreement.unwrap_or(0.0)
+        );
+    }
+    let mut meter = Meter::new();
+    let fitted = fit_anew(model, config, seed, &labels, rows, |report| {
+        meter.at(EPOCHS, report.epoch, report.n_epochs, || loss(report));
+        ControlFlow::Continue(())
+    })?;
+    drop(meter);
+    let Fitted { trainer, losses } = fitted.context("the fit was broken off")?;
+    let fit = Fit {
+        after: session.n_entries(),
+        n_labels: labels.len(),
+        seed,
+        epochs,
+        losses,
+        held_out: figures.flatten().map(|figures| figures.log_loss as f32),
+    };
+    Ok((trainer.ensemble().parameters(), fit))
+}

@@ -1,0 +1,111 @@
+//! What the planner considered, decoded in the time that driving leaves.
+
+use std::sync::Arc;
+
+use crate::env::Action;
+use crate::planner::{Candidate, Plan};
+use crate::tensor::from_slice;
+use crate::worker::CandidateView;
+use crate::world_model::WorldModel;
+
+/// How many pictures of a candidate are drawn: on the way, and the last.
+const N_FRAMES: usize = 3;
+/// Above this, gas is said to be fast: candidates know 0.1 and 0.2.
+const FAST: f32 = 0.15;
+
+/// The drawing of the candidates of one plan, one by one.
+#[derive(Debug)]
+pub(super) struct PlanDrawing {
+    plan: Plan,
+    views: Vec<CandidateView>,
+}
+
+impl PlanDrawing {
+    /// Nothing of `plan` is drawn yet.
+    pub(super) fn new(plan: Plan) -> Self {
+        Self { plan, views: Vec::new() }
+    }
+
+    /// Whether all is drawn.
+    pub(super) fn is_done(&self) -> bool {
+        self.views.len() == self.plan.candidates.len()
+    }
+
+    /// Draws the next candidate.
+    pub(super) fn draw_next(&mut self, model: &WorldModel) {
+        if let Some(candidate) = self.plan.candidates.get(self.views.len()) {
+            self.views.push(view(candidate, model));
+        }
+    }
+
+    /// All candidates, and which was chosen.
+    pub(super) fn finish(self) -> (Arc<[CandidateView]>, usize) {
+        (self.views.into(), self.plan.chosen)
+    }
+}
+
+fn view(candidate: &Candidate, model: &WorldModel) -> CandidateView {
+    let n = candidate.zs.len();
+    let shown: Vec<_> = (1..=N_FRAMES.min(n)).map(|i| i * n / N_FRAMES.min(n) - 1).collect();
+    let zs: Vec<f32> = shown.iter().flat_map(|t| candidate.zs.row(*t)).copied().collect();
+    CandidateView {
+        actions: in_words(&candidate.actions),
+        predicted_return: candidate.predicted_return,
+        frames: model.decode(&from_slice(&zs, &[shown.len() as i64, candidate.zs.width as i64])),
+    }
+}
+
+/// Actions run by run: `left 4 · straight fast 11`.
+pub(super) fn in_words(actions: &[Action]) -> String {
+    let runs = actions.chunk_by(|a, b| a == b);
+    let runs: Vec<_> = runs.map(|run| format!("{} {}", name(run[0]), run.len())).collect();
+    runs.join(" · ")
+}
+
+fn name(action: Action) -> String {
+    let mut name = match action.steer {
+        steer if steer < 0.0 => "left",
+        steer if steer > 0.0 => "right",
+        _ => "straight",
+    }
+    .to_owned();
+    if action.gas > FAST {
+        name.push_str(" fast");
+    }
+    if action.brake > 0.0 {
+        name.push_str(" braking");
+    }
+    name
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::dream::Rows;
+    use crate::worker::fixtures;
+
+    #[test]
+    fn actions_are_said_run_by_run() {
+        let mut actions = vec![Action::new(-1.0, 0.1, 0.0); 4];
+        actions.extend(vec![Action::new(0.0, 0.2, 0.0); 10]);
+        actions.push(Action::new(1.0, 0.1, 0.2));
+        assert_eq!(in_words(&actions), "left 4 · straight fast 10 · right braking 1");
+    }
+
+    #[test]
+    fn a_plan_is_drawn_candidate_by_candidate_to_the_last_picture() {
+        let zs = Rows { width: 4, values: (0..60).map(|i| i as f32 / 10.0).collect() };
+        let candidate = Candidate { actions: vec![Action::default(); 15], predicted_return: 2.5, zs };
+        let last = fixtures::model().decode(&from_slice(candidate.zs.row(14), &[1, 4]));
+        let mut drawing =
+            PlanDrawing::new(Plan { candidates: vec![candidate.clone(), candidate], chosen: 1 });
+        drawing.draw_next(&fixtures::model());
+        assert!(!drawing.is_done(), "one of two");
+        drawing.draw_next(&fixtures::model());
+        assert!(drawing.is_done(), "two of two");
+        let (views, chosen) = drawing.finish();
+        assert_eq!((views.len(), chosen, views[0].frames.len()), (2, 1, 3));
+        let apart = views[1].frames[2].rgb().iter().zip(last[0].rgb()).map(|(a, b)| a.abs_diff(*b)).max();
+        assert!(apart <= Some(2), "{apart:?}");
+    }
+}
