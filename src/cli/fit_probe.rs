@@ -12,7 +12,7 @@ use super::choices::{EnvName, Precision};
 use super::meter::Meter;
 use super::models;
 use super::numbers::count;
-use super::run_file::RunFile;
+use super::run_file::{MAX_WHOLE, RunFile};
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct Options {
@@ -55,6 +55,8 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
         ..config
     };
     if let Some(all) = options.run_file.to_print() {
+        // A larger seed stands among the options, as text.
+        let config = FitProbeConfig { seed: config.seed.min(MAX_WHOLE), ..config };
         print!("{}", all.with("fit", &config).to_toml());
         return Ok(());
     }

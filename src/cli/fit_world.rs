@@ -12,7 +12,7 @@ use dropj::world_model::fit::{self, FitConfig, Progress, Stage, fit_world};
 use super::choices::{EnvName, Precision};
 use super::meter::Meter;
 use super::numbers::{count, number};
-use super::run_file::RunFile;
+use super::run_file::{MAX_WHOLE, RunFile};
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct Options {
@@ -93,6 +93,8 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
     settings.vae.max_epochs = options.vae_epochs.unwrap_or(settings.vae.max_epochs);
     settings.mdn_rnn.max_epochs = options.mdn_rnn_epochs.unwrap_or(settings.mdn_rnn.max_epochs);
     if let Some(all) = options.run_file.to_print() {
+        // A larger seed stands among the options, as text.
+        let settings = FitConfig { seed: settings.seed.min(MAX_WHOLE), ..settings };
         print!("{}", all.with("networks", &config).with("fit", &settings).to_toml());
         return Ok(());
     }

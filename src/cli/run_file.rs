@@ -29,6 +29,9 @@ const COMMANDS: [(&str, &[&str]); 5] = [
     ("deploy", &["planner"]),
 ];
 
+/// The largest whole number that TOML has.
+pub(crate) const MAX_WHOLE: u64 = i64::MAX as u64;
+
 /// Options that say how settings are found, and are none themselves.
 const NONE: [&str; 4] = ["config", "print-config", "help", "version"];
 
@@ -98,14 +101,21 @@ pub(crate) struct Settings {
 }
 
 impl Settings {
-    /// With the value that an option, or a table, has after all; nothing is left out.
+    /// With the value that an option, or a table, has after all.
     pub(crate) fn with(mut self, name: &str, value: impl Serialize) -> Self {
-        // What TOML has no way to write, such as nothing, has no line.
-        if let Ok(mut value) = Value::try_from(value) {
-            shorten(&mut value);
-            self.table.insert(name.to_owned(), value);
-        }
+        let value = Value::try_from(value);
+        let mut value = value.unwrap_or_else(|met| unreachable!("{name} can be written: {met}"));
+        shorten(&mut value);
+        self.table.insert(name.to_owned(), value);
         self
+    }
+
+    /// The same where there may be none.
+    pub(crate) fn with_any(self, name: &str, value: Option<impl Serialize>) -> Self {
+        match value {
+            Some(value) => self.with(name, value),
+            None => self,
+        }
     }
 
     /// The file that says them.
@@ -315,5 +325,74 @@ fn value_of(text: &str) -> Value {
         Value::Float(number)
     } else {
         Value::String(text.to_owned())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::cli::parse;
+
+    /// What the program says of a line, in whose folder is this file.
+    fn said(file: &str, line: &str) -> Option<String> {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("run.toml");
+        std::fs::write(&path, file).unwrap();
+        let line = ["dropj"].into_iter().chain(line.split(' ')).map(OsString::from);
+        let line = line.chain(["--config".into(), path.into()]);
+        parse(line).err().map(|refused| super::super::refusal(&refused))
+    }
+
+    #[test]
+    fn what_nobody_knows_or_could_say_is_refused_with_the_file() {
+        for (file, wanted) in [
+            ("[simulat]\n", "there is no table simulat; there are fit-world, "),
+            ("[simulate]\nquery = 5", "there is no setting simulate.query; there are "),
+            ("[simulate]\nconfig = 'other.toml'", "there is no setting simulate.config"),
+            ("[simulate.rewards]\n", "there is no table simulate.rewards; there are planner, reward, sparse"),
+            ("[simulate]\nqueries = 0", "'--queries <QUERIES>': it must be a whole number"),
+            ("[simulate]\nqueries = [1, 2]", "'--queries <QUERIES>' cannot be used multiple times"),
+            ("[simulate]\nchoice = 'sing'", "[possible values: uniform"),
+            ("[simulate]\nseed = -1", "'--seed <SEED>'"),
+            ("queries = 5\n", "there is no table queries"),
+            ("simulate = 5\n", "simulate is no table"),
+            ("[simulate]\nqueries = 1\nqueries = 2\n", "line 3: "),
+            ("[simulate", "line 1: "),
+        ] {
+            let said = said(file, "simulate --out X").unwrap_or_default();
+            assert!(said.contains(wanted) && said.contains("run.toml"), "{file}: {said}");
+        }
+    }
+
+    #[test]
+    fn a_line_and_its_file_are_whole_together() {
+        assert_eq!(said("[simulate]\nout = 'X'", "simulate"), None);
+        assert_eq!(said("[refit]\nupdates = 5", "simulate --out X"), None, "tables of others are let be");
+        assert!(said("", "simulate").is_some_and(|said| said.contains("--out")), "what both lack is named");
+        assert_eq!(said("[deploy]\nstraight-on = true", "deploy --session s"), None, "the line wins");
+        assert_eq!(said("[deploy]\nsession = 's'\nstraight-on = false", "deploy"), None);
+        let both = said("[deploy]\nsession = 's'\nstraight-on = true", "deploy").unwrap();
+        assert!(both.contains("cannot be used with") && both.contains("run.toml"), "{both}");
+    }
+
+    #[test]
+    fn a_value_is_written_as_it_was_given() {
+        for (text, value) in [
+            ("5", Value::Integer(5)),
+            ("0.95", Value::Float(0.95)),
+            ("true", Value::Boolean(true)),
+            ("05", Value::String("05".into())),
+            ("nan", Value::String("nan".into())),
+            ("18446744073709551615", Value::String("18446744073709551615".into())),
+        ] {
+            assert_eq!(value_of(text), value);
+        }
+    }
+
+    #[test]
+    fn numbers_of_single_precision_are_written_short() {
+        let mut value = Value::try_from([0.08_f32, 1.5]).unwrap();
+        shorten(&mut value);
+        assert_eq!(value.to_string(), "[0.08, 1.5]");
     }
 }

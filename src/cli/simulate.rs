@@ -203,11 +203,11 @@ fn to_toml(all: Settings, config: &SimulateConfig, verdicts: &SparseConfig) -> S
         .with("weights", weights.collect::<Vec<_>>())
         .with("queries", config.n_queries)
         .with("dreams", config.n_dreams)
-        .with("beta", beta)
+        .with_any("beta", beta)
         .with("gamma", gamma)
         .with("eps-mistake", eps_mistake)
         .with("care", care)
-        .with("eps-skip", eps_skip)
+        .with_any("eps-skip", eps_skip)
         .with("eps-equal", eps_equal)
         .with("eps-safety", eps_safety)
         .with("planner", &config.planner);
