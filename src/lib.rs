@@ -26,7 +26,8 @@
 //! |---|---|---|
 //! | [`text`] | names and cells of tables shown safely, paths told apart, encodings | text of others is never taken for ours |
 //! | [`env`](mod@env) | physics, tracks, drawing, reward events | knows no tensor; a seed and the actions decide everything |
-//! | [`tensor`] | rank checks, initialization, conversions | the only place that copies between Rust memory and torch |
+//! | [`world`] | what a world is: its file, and a world in a process of its own | knows no tensor and no car; every wait for a process ends |
+//! | [`tensor`] | rank checks, initialization, conversions, devices | the only place that copies between Rust memory and torch |
 //! | [`run`] | outputs: files written whole, files that grow, folders, the folder of a long job | a file is as before or as wanted, never in between; what is not ours stays |
 //! | [`dataset`] | real episodes on disk: journal, sealed files, streaming reads | memory stays flat however many episodes |
 //! | [`world_model`] | VAE, MDN-RNN, their fitting | knows no window or clock; the only place that knows the order `[z \| c \| h]` |
@@ -64,6 +65,7 @@
 
 pub mod text;
 pub mod env;
+pub mod world;
 pub mod tensor;
 pub mod run;
 pub mod dataset;

@@ -1,16 +1,18 @@
 //! The only helpers over libtorch: rank checks, initialization, and copies between Rust memory and tensors.
 
 pub mod adam;
+mod backend;
 pub mod container;
 pub mod limits;
 mod parameters;
 
 use rand::{Rng, RngExt as _};
 use rand_distr::{Distribution as _, StandardNormal};
-use tch::{Kind, Tensor};
+use tch::{Device, Kind, Tensor};
 
 use crate::env::Frame;
 
+pub use backend::{Backend, DeviceChoice, DeviceError, fast_kind};
 pub use container::Dtype;
 pub use parameters::{
     DescriptionError, LAYOUT, NotFinite, Parameters, ParametersError, Slot, described, describes, is_finite,
@@ -58,13 +60,33 @@ pub fn from_slice(values: &[f32], shape: &[i64]) -> Tensor {
 /// # Shapes
 /// - returns `[B, P, P, 3]`, channels last
 pub fn from_frames(frames: &[Frame]) -> Tensor {
+    intensities(&bytes_of_frames(frames))
+}
+
+/// The same on a device, to which only the bytes go.
+///
+/// # Shapes
+/// - returns `[B, P, P, 3]`, channels last
+pub fn from_frames_on(device: Device, frames: &[Frame]) -> Tensor {
+    intensities(&bytes_of_frames(frames).to_device(device))
+}
+
+/// Bytes as intensities in `[0, 1]`.
+pub fn intensities(bytes: &Tensor) -> Tensor {
+    bytes.to_kind(Kind::Float) / 255.0
+}
+
+/// Frames as a tensor of bytes.
+///
+/// # Shapes
+/// - returns `[B, P, P, 3]`, channels last
+pub fn bytes_of_frames(frames: &[Frame]) -> Tensor {
     let side = i64::from(frames.first().map_or(0, Frame::side));
     let mut bytes = Vec::with_capacity(frames.len() * (3 * side * side) as usize);
     for frame in frames {
         bytes.extend_from_slice(frame.rgb());
     }
-    let bytes = Tensor::from_slice(&bytes).view([frames.len() as i64, side, side, 3]);
-    bytes.to_kind(Kind::Float) / 255.0 // [B, P, P, 3]
+    Tensor::from_slice(&bytes).view([frames.len() as i64, side, side, 3])
 }
 
 /// The frames of a tensor of intensities, clipped to `[0, 1]` and rounded to bytes.

@@ -21,7 +21,7 @@ const RESERVED: [(&str, &[&str]); 8] = [
 
 /// Names, each with modules that must do without it, and the places in these that may use it all the same.
 const BARRED: [(&str, &[&str], &[&str]); 13] = [
-    ("tch", &["env", "dataset", "query", "session", "app", "ui"], &[]),
+    ("tch", &["env", "world", "dataset", "query", "session", "app", "ui"], &[]),
     // All that happens to the application comes in as an argument.
     ("std::time", &["app"], &[]),
     ("std::env", &["app"], &[]),

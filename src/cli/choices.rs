@@ -5,7 +5,7 @@ use dropj::env::{Aids, CarRacing, Env, ObstacleCarRacing, Obstacles, Seed};
 use dropj::planner::PlannerConfig;
 use dropj::query::{Protocol, Strategy};
 use dropj::simulate::player::Manner;
-use dropj::tensor::{Dtype, Parameters};
+use dropj::tensor::{Backend, DeviceChoice, DeviceError, Dtype, Parameters};
 use dropj::world_model::WorldModelConfig;
 
 use super::error::CliError;
@@ -156,6 +156,15 @@ impl From<MannerName> for Manner {
             MannerName::Touring => Self::Touring,
         }
     }
+}
+
+/// What computes; where that was left to the program, it says what it found.
+pub(crate) fn backend(choice: DeviceChoice) -> Result<Backend, DeviceError> {
+    let backend = Backend::of(choice)?;
+    if choice == DeviceChoice::Auto {
+        eprintln!("computing on {backend}");
+    }
+    Ok(backend)
 }
 
 /// How the numbers of networks are stored; they are computed with in whatever is best here.

@@ -6,10 +6,12 @@ use std::path::PathBuf;
 use anyhow::Context as _;
 use dropj::dataset::Dataset;
 use dropj::run::{Kind, OutputFile, Run};
+use dropj::tensor::DeviceChoice;
+use dropj::worker::read_ahead;
 use dropj::world_model::WorldModelConfig;
-use dropj::world_model::fit::{self, FitConfig, Progress, Stage, fit_world};
+use dropj::world_model::fit::{self, FitConfig, Means, Progress, Stage, fit_world_with};
 
-use super::choices::{EnvName, Precision};
+use super::choices::{EnvName, Precision, backend};
 use super::meter::Meter;
 use super::numbers::{count, number};
 use super::run_file::{MAX_WHOLE, RunFile};
@@ -34,7 +36,10 @@ pub(crate) struct Options {
     /// Of initialization, order and noise [default: 0]
     #[arg(long)]
     seed: Option<u64>,
-    /// Threads for the arithmetic
+    /// On what to compute: auto (an accelerator, if there is one), cpu, cuda, cuda:N or mps
+    #[arg(long, default_value = "auto")]
+    device: DeviceChoice,
+    /// Threads for the arithmetic on the processor
     #[arg(long, value_parser = clap::value_parser!(i32).range(1..=1024), default_value_t = 2)]
     threads: i32,
     /// How many times more the bluest and yellowest pixels count for vision; the preset's if not given
@@ -51,7 +56,7 @@ pub(crate) struct Options {
 }
 
 #[derive(Clone, Copy, Debug, clap::ValueEnum)]
-enum Preset {
+pub(crate) enum Preset {
     /// The paper's for Car Racing: frames of 84 pixels, 3.8 million parameters
     CarRacing,
     /// The paper's for Obstacle Car Racing: frames of 128 pixels, 31 million parameters
@@ -61,7 +66,7 @@ enum Preset {
 }
 
 impl Preset {
-    fn config(self) -> WorldModelConfig {
+    pub(crate) fn config(self) -> WorldModelConfig {
         match self {
             Self::CarRacing => WorldModelConfig::car_racing(),
             Self::ObstacleCarRacing => WorldModelConfig::obstacle_car_racing(),
@@ -99,6 +104,7 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
         return Ok(());
     }
     fit::check(&dataset)?;
+    let means = Means { backend: backend(options.device)?, read: &read_ahead };
     let out = OutputFile::at(&options.out, Kind::Network)?;
     let run = Run::beside(&options.out, options.resume)?;
     let mut meter = Meter::new();
@@ -106,7 +112,7 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
         say(&mut meter, progress);
         ControlFlow::Continue(())
     };
-    let parameters = fit_world(&dataset, &config, &settings, &run, &mut report)?;
+    let parameters = fit_world_with(means, &dataset, &config, &settings, &run, &mut report)?;
     drop(meter);
     let parameters = options.dtype.store(&parameters)?;
     let hint = "the fit is done, but not written; with `--resume` nothing is fitted anew";

@@ -3,6 +3,7 @@
 #![expect(clippy::print_stderr, reason = "and of its progress on standard error")]
 
 mod agree;
+mod check_device;
 mod check_reward;
 mod check_world;
 mod choices;
@@ -30,6 +31,7 @@ mod sparse;
 mod trace;
 mod window;
 mod words;
+mod world;
 
 use std::ffi::OsString;
 
@@ -56,6 +58,8 @@ enum Command {
     FitWorld(fit_world::Options),
     /// Say how true a world model is, on episodes that it was not trained on
     CheckWorld(check_world::Options),
+    /// Say whether an accelerator computes what the processor does, and how fast it trains
+    CheckDevice(check_device::Options),
     /// Fit the probe, through which simulated people see
     FitProbe(fit_probe::Options),
     /// Play dreams, answer queries and fit a reward, with simulated people (steps 2 and 3)
@@ -84,6 +88,8 @@ enum Command {
     Repair(repair::Options),
     /// Print an episode step by step, in the columns of the reference traces
     Trace(trace::Options),
+    /// Check a world's file, write a first one, or write the Python package that serves worlds
+    World(world::Options),
 }
 
 impl Command {
@@ -121,6 +127,7 @@ pub(crate) fn run(cli: Cli) -> anyhow::Result<()> {
         Some(Command::Record(options)) => record::run(&options),
         Some(Command::FitWorld(options)) => fit_world::run(&options),
         Some(Command::CheckWorld(options)) => check_world::run(&options),
+        Some(Command::CheckDevice(options)) => check_device::run(&options),
         Some(Command::FitProbe(options)) => fit_probe::run(&options),
         Some(Command::Simulate(options)) => simulate::run(&options),
         Some(Command::Refit(options)) => refit::run(&options),
@@ -135,6 +142,7 @@ pub(crate) fn run(cli: Cli) -> anyhow::Result<()> {
         Some(Command::HandOn(options)) => agree::run_hand_on(&options),
         Some(Command::Repair(options)) => repair::run(&options),
         Some(Command::Trace(options)) => trace::run(&options),
+        Some(Command::World(options)) => world::run(&options),
     }
 }
 
@@ -204,6 +212,8 @@ mod tests {
             ("fit-world --data X --out Y", "mdn-rnn-epochs", "-1 0 1000001"),
             ("check-world --data X --world Y", "stretches", "-1 0 100001"),
             ("check-world --data X --world Y", "seed", "-1 18446744073709551616"),
+            ("fit-world --data X --out Y", "device", "gpu cuda: cuda:-1 CPU"),
+            ("check-device", "seconds", "-1 3601 NaN"),
             ("fit-probe --out X", "episodes", "-1 0 1 100001"),
             ("fit-probe --out X", "updates", "-1 0 10000001"),
             ("fit-probe --out X", "seed", "-1 18446744073709551616"),
@@ -232,7 +242,7 @@ mod tests {
             "record --out X --episodes 0",
             "deploy --random-reward 0 --episodes 0 --memory-reset 0 --horizon 15 --brake 0",
             "refit --session X --default 0.9 --safety 1 --held-out 0.2 --members 10",
-            "fit-world --data X --out Y --emphasis 0 --threads 1 --vae-epochs 1",
+            "fit-world --data X --out Y --emphasis 0 --threads 1 --vae-epochs 1 --device cuda:1",
         ] {
             assert!(!is_refused(args), "{args}");
         }

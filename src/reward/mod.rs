@@ -284,6 +284,13 @@ impl RewardEnsemble {
         Self { kind, ..self }
     }
 
+    /// The same ensemble on a device.
+    #[must_use]
+    pub fn on(mut self, device: Device) -> Self {
+        self.store.set_device(device);
+        self
+    }
+
     /// The shape of the ensemble, and how it is fitted.
     pub fn config(&self) -> &RewardConfig {
         &self.config

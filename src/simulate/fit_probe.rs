@@ -467,10 +467,10 @@ mod tests {
         assert!(errors.off_road_accuracy > 0.9 && errors.lateral < 0.8, "{errors:?}");
     }
 
-    /// Minutes, not seconds: `cargo test --lib -- --ignored --nocapture a_probe_sees_well_enough_to_drive`.
+    /// Half an hour of one core: `cargo test --lib -- --ignored --nocapture a_probe_sees_well_enough_to_drive`.
     /// `FIT_PROBE` may hold another configuration as JSON.
     #[test]
-    #[ignore = "fits a whole probe, which takes minutes: for whoever changes the probe or its pilot"]
+    #[ignore = "fits a whole probe, which takes half an hour: for whoever changes the probe or its pilot"]
     #[expect(clippy::print_stderr, reason = "its figures are of interest")]
     fn a_probe_sees_well_enough_to_drive() {
         let config = std::env::var("FIT_PROBE")

@@ -6,8 +6,10 @@ use rand::SeedableRng as _;
 use rand_chacha::ChaCha8Rng;
 
 use crate::dream::{DreamEpisode, Rows};
-use crate::query::strategy::{N_CANDIDATES, sample_near_mark, sample_pair};
-use crate::query::{DreamId, KnownSafety, Label, Query, Response, SegmentRef, Strategy, sample_balanced};
+use crate::query::strategy::N_CANDIDATES;
+use crate::query::{
+    DreamId, KnownSafety, Label, Pool, Query, Response, SegmentRef, Strategy, most_disagreed,
+};
 use crate::reward::{RewardConfig, RewardEnsemble, SegmentPair, Trainer, segment_rows};
 use crate::tensor::NotFinite;
 use crate::world_model::WorldModel;
@@ -72,14 +74,14 @@ impl QueryPolicy {
     /// What is asked instead of `query`, which was drawn by chance, and how it was chosen.
     pub(super) fn choose(&mut self, query: Query) -> (Query, Strategy) {
         let Self { strategy, lens, marks, known, rng, learner, .. } = self;
+        let pool = Pool { dreams: lens, known, marks };
         let pair = match (*strategy, learner) {
-            (Strategy::Balanced, _) => sample_balanced(lens, known, rng),
-            (Strategy::SafetyBoundary, _) => sample_near_mark(lens, marks, rng),
+            (Strategy::Balanced | Strategy::SafetyBoundary, _) => pool.draw(*strategy, rng),
             (Strategy::Disagreement, Some(learner)) if learner.has_learned => {
-                let pairs: Vec<_> = (0..N_CANDIDATES).filter_map(|_| sample_pair(lens, rng)).collect();
+                let pairs = (0..N_CANDIDATES).filter_map(|_| pool.draw(*strategy, rng)).collect::<Vec<_>>();
                 learner.most_disagreed(&pairs)
             }
-            _ => None,
+            (Strategy::Disagreement | Strategy::Uniform, _) => None,
         };
         pair.map_or((query, Strategy::Uniform), |[left, right]| (Query { left, right, ..query }, *strategy))
     }
@@ -115,7 +117,7 @@ impl Learner {
     fn most_disagreed(&self, pairs: &[[SegmentRef; 2]]) -> Option<[SegmentRef; 2]> {
         let rows: Vec<_> = pairs.iter().map(|pair| pair.map(|segment| self.rows(segment))).collect();
         let found = self.trainer.ensemble().disagreements(&rows);
-        (0..pairs.len()).max_by(|a, b| found[*a].total_cmp(&found[*b])).map(|most| pairs[most])
+        most_disagreed(pairs, &found)
     }
 
     fn observe(&mut self, query: Query, label: Label) -> Result<(), NotFinite> {

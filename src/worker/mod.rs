@@ -14,6 +14,7 @@ mod error;
 #[cfg(test)]
 mod fixtures;
 mod plan_view;
+mod read_ahead;
 mod report;
 mod reward_eval;
 mod rollout_comparison;
@@ -48,6 +49,7 @@ pub use command::{
     JobCommand, ModelerCommand, RecorderCommand, ScreenerCommand, SessionWriterCommand, SynthesizerCommand,
     TrainerCommand, WorkerCommand,
 };
+pub use read_ahead::read_ahead;
 pub use report::{
     Cause, DeployReport, DreamReport, DreamStart, Dropped, JobReport, LabelReport, Learning, LoadedWorld,
     RecordReport, Report, RewardReport, SessionItem, SessionReport, WorkerError, WorkerFailure, WorkerName,

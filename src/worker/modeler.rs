@@ -10,9 +10,10 @@ use crate::run::{Kind, OutputFile, Run};
 use crate::worker::error::TaskError;
 use crate::worker::{
     ModelerCommand, RecordReport, Reports, Worker, WorkerError, WorkerName, WorldModelReport, one_thread,
+    read_ahead,
 };
 use crate::world_model::WorldModelConfig;
-use crate::world_model::fit::{self, FitConfig, Progress, fit_world};
+use crate::world_model::fit::{self, FitConfig, Means, Progress, fit_world_with};
 
 const NAME: WorkerName = WorkerName::Modeler;
 /// The window need not know of every update.
@@ -85,7 +86,8 @@ fn fit_one(
             }
         }
     };
-    let parameters = fit_world(&dataset, config, fit, &run, &mut listen)?;
+    let means = Means { read: &read_ahead, ..Means::default() };
+    let parameters = fit_world_with(means, &dataset, config, fit, &run, &mut listen)?;
     Ok(output.write(parameters.bytes())?)
 }
 

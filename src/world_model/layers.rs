@@ -2,7 +2,7 @@
 
 use rand::Rng;
 use serde::{Deserialize, Serialize};
-use tch::{Kind, Tensor, nn};
+use tch::{Device, Kind, Tensor, nn};
 
 use crate::tensor::limits::{MAX_ACTIVATIONS, MAX_KERNEL, MAX_WIDTH, OutOfRange, product, within};
 use crate::tensor::{Slot, dims, uniform};
@@ -89,6 +89,7 @@ impl Linear {
 
 /// The layers that are large and cover few pixels pass faster as one matrix product (measured; see the benches).
 ///
+/// That is so on the processor; accelerators have good convolutions for them, too.
 /// So they lie in memory alone. In files of layout 1 they lay so, too: for those, what was measured then still holds.
 fn as_matrix(inputs: i64, layer: Layer) -> bool {
     let large = if layer.padding == 0 { 280 } else { 700 };
@@ -146,7 +147,9 @@ impl Conv {
     pub(super) fn forward(&self, x: &Tensor, kind: Kind) -> Tensor {
         let Layer { channels, kernel: k, stride, padding } = self.layer;
         let (weight, bias) = (self.weight.to_kind(kind), self.bias.to_kind(kind));
-        if !self.is_matrix {
+        if !self.is_matrix || x.device() != Device::Cpu {
+            let weight =
+                if self.is_matrix { weight.view([k, k, -1, channels]).permute([3, 2, 0, 1]) } else { weight };
             let y = channels_first(x).conv2d(&weight, Some(&bias), [stride; 2], [padding; 2], [1; 2], 1);
             return channels_last(&y);
         }
@@ -201,7 +204,9 @@ impl Deconv {
     pub(super) fn forward(&self, x: &Tensor, kind: Kind) -> Tensor {
         let Layer { channels, kernel: k, stride, padding } = self.layer;
         let (weight, bias) = (self.weight.to_kind(kind), self.bias.to_kind(kind));
-        if !self.is_matrix {
+        if !self.is_matrix || x.device() != Device::Cpu {
+            let weight =
+                if self.is_matrix { weight.view([-1, k, k, channels]).permute([0, 3, 1, 2]) } else { weight };
             let x = channels_first(x);
             let y = x.conv_transpose2d(&weight, Some(&bias), [stride; 2], [padding; 2], [0; 2], 1, [1; 2]);
             return channels_last(&y);

@@ -2,7 +2,7 @@
 
 use rand::{Rng, RngExt as _};
 use serde::{Deserialize, Serialize};
-use tch::{Kind, Tensor, nn};
+use tch::{Cuda, Kind, Tensor, nn};
 
 use crate::env::Action;
 use crate::tensor::limits::{MAX_COMPONENTS, MAX_LATENTS, MAX_MEMORY, OutOfRange, within};
@@ -213,31 +213,54 @@ impl MdnRnn {
         let mut shape = h.size();
         shape.pop();
         shape.extend([latent, 3, components]);
-        let out = h.linear(&self.head, Some(&self.head_bias)).view(shape.as_slice()); // […, Z, 3, K]
+        let out = match h.kind() {
+            Kind::Float => h.linear(&self.head, Some(&self.head_bias)),
+            kind => {
+                h.linear(&self.head.to_kind(kind), Some(self.head_bias.to_kind(kind))).to_kind(Kind::Float)
+            }
+        };
+        let out = out.view(shape.as_slice()); // […, Z, 3, K]
         let part = |i| out.select(-2, i);
         Mixture { log_pi: part(0).log_softmax(-1, Kind::Float), mean: part(1), log_std: part(2) }
     }
 
-    /// Every output of a run over whole sequences, from an empty memory.
+    /// Every output of a run over whole sequences, from an empty memory, in the arithmetic `kind`.
     ///
     /// # Shapes
     /// - `zs`: `[B, T, Z]`, `actions`: `[B, T, A]`
     /// - returns h, `[B, T, M]`
-    fn run(&self, zs: &Tensor, actions: &Tensor) -> Tensor {
+    fn run(&self, zs: &Tensor, actions: &Tensor, kind: Kind) -> Tensor {
         let [b, ..] = dims::<3>(zs);
-        let Memory { c, h } = Memory::zeros(b, &self.config);
-        let input = Tensor::cat(&[zs, actions], 2);
+        let nothing = Tensor::zeros([1, b, self.config.memory], (kind, zs.device()));
+        let input = Tensor::cat(&[zs, actions], 2).to_kind(kind);
+        let weights = self.lstm.each_ref().map(|weight| weight.to_kind(kind));
         let is_training = Tensor::requires_grad(&self.lstm[0]);
-        let (hs, ..) = input.lstm(
-            &[&h.unsqueeze(0), &c.unsqueeze(0)],
-            &self.lstm.each_ref(),
-            true,
-            1,
-            0.0,
-            is_training,
-            false,
-            true,
-        );
+        if zs.device().is_cuda() && Cuda::cudnn_is_available() {
+            // What `lstm` comes to, without its warning, every time, that the weights do not lie as cuDNN has them.
+            const LSTM: i64 = 2;
+            let (whole, m) = (None::<&Tensor>, self.config.memory);
+            let batches: &[i64] = &[];
+            let (hs, ..) = input.internal_cudnn_rnn(
+                &weights.each_ref(),
+                weights.len() as i64,
+                whole,
+                &nothing,
+                Some(&nothing),
+                LSTM,
+                m,
+                0,
+                1,
+                true,
+                0.0,
+                is_training,
+                false,
+                batches,
+                None,
+            );
+            return hs;
+        }
+        let (hs, ..) =
+            input.lstm(&[&nothing, &nothing], &weights.each_ref(), true, 1, 0.0, is_training, false, true);
         hs
     }
 
@@ -249,12 +272,21 @@ impl MdnRnn {
     /// - `zs`: `[B, T, Z]`, `actions`: `[B, T, A]`, `lens`: how many of the T steps of each row are real
     /// - returns nats per coordinate, `[]`
     pub fn loss(&self, zs: &Tensor, actions: &Tensor, lens: &[i64]) -> Tensor {
+        let lens = Tensor::from_slice(lens).to_device(zs.device());
+        self.loss_in(Kind::Float, zs, actions, &lens)
+    }
+
+    /// The same in the arithmetic `kind`, wherever the tensors are.
+    ///
+    /// # Shapes
+    /// - as [`Self::loss`], and `lens`: `[B]`
+    pub fn loss_in(&self, kind: Kind, zs: &Tensor, actions: &Tensor, lens: &Tensor) -> Tensor {
         let [_, t, z] = dims(zs);
-        let hs = self.run(&zs.narrow(1, 0, t - 1), &actions.narrow(1, 0, t - 1)); // [B, T − 1, M]
+        let hs = self.run(&zs.narrow(1, 0, t - 1), &actions.narrow(1, 0, t - 1), kind); // [B, T − 1, M]
         let nll = self.mixture(&hs).nll(&zs.narrow(1, 1, t - 1)); // [B, T − 1, Z]
         // DIFFERENCE: the authors count padded steps too. We do not.
-        let step = Tensor::arange(t - 1, (Kind::Int64, tch::Device::Cpu));
-        let n_targets = Tensor::from_slice(lens).unsqueeze(1) - 1;
+        let step = Tensor::arange(t - 1, (Kind::Int64, zs.device()));
+        let n_targets = lens.unsqueeze(1) - 1;
         let mask = step.unsqueeze(0).lt_tensor(&n_targets).to_kind(Kind::Float).unsqueeze(2); // [B, T − 1, 1]
         let n = mask.sum(Kind::Float) * z as f64;
         (nll * mask).sum(Kind::Float) / n
@@ -398,7 +430,7 @@ mod tests {
         let store = nn::VarStore::new(Device::Cpu);
         let mdn_rnn = MdnRnn::new(&store.root(), MdnRnnConfig::tiny(), &mut rng());
         let (zs, actions) = (normal(&mut rng(), &[2, 6, 4]), normal(&mut rng(), &[2, 6, 3]));
-        let hs = mdn_rnn.run(&zs, &actions);
+        let hs = mdn_rnn.run(&zs, &actions, Kind::Float);
         let mut memory = Memory::zeros(2, mdn_rnn.config());
         for t in 0..6 {
             memory = mdn_rnn.remember(&zs.select(1, t), &actions.select(1, t), &memory);

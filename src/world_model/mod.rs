@@ -22,6 +22,7 @@ use crate::tensor::{
     from_slice, is_finite, to_frames, to_vec,
 };
 
+pub use crate::tensor::fast_kind;
 use fused_rollout::FusedRollout;
 pub use identity::ModelIdentity;
 pub use layers::Layer;
@@ -407,15 +408,6 @@ fn held_out(parameters: &Parameters) -> Result<Option<Vec<usize>>, WorldModelErr
 pub fn actions_tensor(actions: &[Action]) -> Tensor {
     let values: Vec<f32> = actions.iter().flat_map(|action| action.to_array()).collect();
     from_slice(&values, &[actions.len() as i64, Action::LEN as i64])
-}
-
-/// The arithmetic in which convolutions are quickest on this processor.
-pub fn fast_kind() -> Kind {
-    #[cfg(target_arch = "x86_64")]
-    if std::arch::is_x86_feature_detected!("avx512bf16") {
-        return Kind::BFloat16;
-    }
-    Kind::Float
 }
 
 /// A world model that has learned nothing, for tests and for measuring speed.

@@ -10,11 +10,35 @@ use crate::world_model::{LatentState, MdnRnnConfig, State, WorldModel, WorldMode
 impl WorldModel {
     /// The states in a real episode before the steps `at`, the memory having taken in all steps before.
     pub fn states_of(&self, frames: &[Frame], actions: &[Action], at: &[usize]) -> Vec<LatentState> {
+        self.states(frames.len(), |t| self.observe(&frames[t..=t]), actions, at)
+    }
+
+    /// The same where the latents of the episode are known.
+    ///
+    /// # Shapes
+    /// - `zs`: `[T, Z]`
+    pub(super) fn states_of_latents(
+        &self,
+        zs: &Tensor,
+        actions: &[Action],
+        at: &[usize],
+    ) -> Vec<LatentState> {
+        self.states(zs.size()[0] as usize, |t| zs.narrow(0, t as i64, 1), actions, at)
+    }
+
+    /// The states before the steps `at` of `n`, whose latents `z` tells.
+    fn states(
+        &self,
+        n: usize,
+        z: impl Fn(usize) -> Tensor,
+        actions: &[Action],
+        at: &[usize],
+    ) -> Vec<LatentState> {
         let mut memory = self.no_memory(1);
         let mut found = Vec::new();
-        let until = at.iter().max().map_or(0, |last| last + 1).min(frames.len());
-        for (t, frame) in frames[..until].iter().enumerate() {
-            let state = State { z: self.observe(std::slice::from_ref(frame)), memory };
+        let until = at.iter().max().map_or(0, |last| last + 1).min(n);
+        for t in 0..until {
+            let state = State { z: z(t), memory };
             if at.contains(&t) {
                 found.push(LatentState::from(&state));
             }

@@ -8,8 +8,8 @@ use serde::{Deserialize, Serialize};
 
 use crate::app::{App, State};
 use crate::dream::Rows;
-use crate::query::strategy::{N_CANDIDATES, sample_near_mark, sample_pair};
-use crate::query::{DreamId, Mix, Query, SegmentRef, Strategy, sample_balanced};
+use crate::query::strategy::N_CANDIDATES;
+use crate::query::{DreamId, Mix, Pool, Query, SegmentRef, Strategy, most_disagreed};
 use crate::session::{Choice, Event, Session};
 use crate::worker::{TrainerCommand, WorkerCommand};
 
@@ -98,19 +98,15 @@ impl App {
             }
         }
         let screened = |rng: &mut ChaCha8Rng, draw: &Draw<'_>| screened(&self.state, rng, draw);
-        let any: &Draw<'_> = &|rng| sample_pair(&dreams, rng);
+        let (known, marks) = (session.known_safety(), session.marks());
+        let pool = Pool { dreams: &dreams, known: &known, marks: &marks };
+        let any: &Draw<'_> = &|rng| pool.draw(Strategy::Uniform, rng);
         let by_chance = (screened(&mut rng, any)?, Choice::Uniform);
         match strategy {
             Strategy::Uniform => Some(by_chance),
-            Strategy::Balanced => {
-                let known = session.known_safety();
-                let balanced = screened(&mut rng, &|rng| sample_balanced(&dreams, &known, rng));
-                Some(balanced.map_or(by_chance, |pair| (pair, Choice::Balanced)))
-            }
-            Strategy::SafetyBoundary => {
-                let marks = session.marks();
-                let near = screened(&mut rng, &|rng| sample_near_mark(&dreams, &marks, rng));
-                Some(near.map_or(by_chance, |pair| (pair, Choice::SafetyBoundary)))
+            Strategy::Balanced | Strategy::SafetyBoundary => {
+                let drawn = screened(&mut rng, &|rng| pool.draw(strategy, rng));
+                Some(drawn.map_or(by_chance, |pair| (pair, strategy.into())))
             }
             Strategy::Disagreement if self.state.reward.parameters.is_none() => Some(by_chance),
             Strategy::Disagreement => {
@@ -168,9 +164,11 @@ impl App {
             return;
         }
         disagreements.sent = None;
-        let most = measured.and_then(|all| (0..all.len()).max_by(|a, b| all[*a].total_cmp(&all[*b])));
-        let choice = if most.is_some() { Choice::Disagreement } else { Choice::Uniform };
-        disagreements.chosen = pairs.get(most.unwrap_or(0)).map(|pair| (*pair, choice));
+        let most = measured.and_then(|measured| most_disagreed(pairs, measured));
+        disagreements.chosen = match most {
+            Some(pair) => Some((pair, Choice::Disagreement)),
+            None => pairs.first().map(|pair| (*pair, Choice::Uniform)),
+        };
     }
 }
 

@@ -4,6 +4,9 @@
 //! no longer improves, and checkpoints after every epoch, so that a stopped fit resumes.
 
 mod data;
+mod speed;
+#[cfg(test)]
+mod tests;
 mod train_loop;
 
 use std::fmt;
@@ -12,16 +15,17 @@ use std::ops::ControlFlow;
 use rand::{RngExt as _, SeedableRng as _};
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
-use tch::{Device, Tensor, nn};
+use tch::{Kind, Tensor, nn};
 
-use crate::dataset::{Dataset, DatasetError};
+use crate::dataset::{Dataset, DatasetError, Episode};
 use crate::run::{Run, RunError};
 use crate::tensor::limits::{MAX_COUNT, OutOfRange, within};
-use crate::tensor::{NotFinite, Parameters, ParametersError, from_frames, normal};
-use crate::world_model::{MdnRnn, Vae, WorldModel, WorldModelConfig, fast_kind};
+use crate::tensor::{Backend, NotFinite, Parameters, ParametersError, from_frames_on, normal};
+use crate::world_model::{LatentState, MdnRnn, Vae, WorldModel, WorldModelConfig};
 
-pub use data::Split;
-use data::{ShuffledFrames, encode, held_out_frames, windows};
+use data::{DeviceSequences, Pictures, Source, encode, held_out_frames, means, windows};
+pub use data::{ReadEpisodes, Split, Take, read_one_by_one};
+pub use speed::{Speed, speed};
 use train_loop::TrainLoop;
 
 /// How one network is trained.
@@ -56,9 +60,14 @@ impl Schedule {
         within(&format!("the smallest learning rate of {what}"), self.min_learning_rate, 0.0..=1e3)
     }
 
+    /// How far `epoch` is along all of them, in twentieths.
+    fn twentieths(&self, epoch: usize) -> usize {
+        epoch * 20 / self.max_epochs.max(1)
+    }
+
     /// The most that the learning rate may be in `epoch`: with the end in sight it falls to a third, then to a tenth.
     fn ceiling(&self, epoch: usize) -> f64 {
-        match epoch * 20 / self.max_epochs.max(1) {
+        match self.twentieths(epoch) {
             0..12 => self.learning_rate,
             12..17 => self.learning_rate / 3.0,
             _ => self.learning_rate / 10.0,
@@ -257,6 +266,28 @@ pub fn check(dataset: &Dataset) -> Result<(), FitError> {
     Ok(())
 }
 
+/// With what a world model is trained.
+#[derive(Clone, Copy)]
+pub struct Means<'a> {
+    /// On what.
+    pub backend: Backend,
+    /// How recordings are read.
+    pub read: &'a ReadEpisodes,
+}
+
+impl Default for Means<'_> {
+    /// The processor, and one episode after the other.
+    fn default() -> Self {
+        Self { backend: Backend::cpu(), read: &read_one_by_one }
+    }
+}
+
+impl fmt::Debug for Means<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "Means on {}", self.backend)
+    }
+}
+
 /// Trains a world model on `dataset`, keeping all it needs to resume in `run`.
 pub fn fit_world(
     dataset: &Dataset,
@@ -265,6 +296,20 @@ pub fn fit_world(
     run: &Run,
     report: &mut Report<'_>,
 ) -> Result<Parameters, FitError> {
+    fit_world_with(Means::default(), dataset, config, fit, run, report)
+}
+
+/// The same with `means`.
+pub fn fit_world_with(
+    means: Means<'_>,
+    dataset: &Dataset,
+    config: &WorldModelConfig,
+    fit: &FitConfig,
+    run: &Run,
+    report: &mut Report<'_>,
+) -> Result<Parameters, FitError> {
+    let Means { backend, read } = means;
+    let source = Source { dataset, read };
     check(dataset)?;
     config.check().map_err(FitError::Config)?;
     let n = dataset.n_episodes();
@@ -278,99 +323,145 @@ pub fn fit_world(
         None => run.note("terms", &now)?,
     }
     let split = Split::new(n, fit.held_out, fit.seed);
-    let vision = fit_vae(dataset, &split, config, fit, run, report)?;
+    let vision = fit_vae(source, &split, config, fit, backend, run, report)?;
     let seen = Parameters::of(&[("net", &vision)], &[]);
-    encode(dataset, config, &seen, run, report)?;
-    let memory = fit_mdn_rnn(&split, config, fit, seen.hash(), run, report)?;
+    encode(source, config, backend, &seen, run, report)?;
+    let memory = fit_mdn_rnn(&split, config, fit, backend, seen.hash(), run, report)?;
     let parameters = WorldModel::parameters_of(config, &vision, &memory);
-    with_starts(dataset, &split, &parameters)
+    with_starts(source, &split, &parameters, |model, i, episode, at| {
+        if backend.is_cpu() {
+            return Ok(model.states_of(&episode.frames, &episode.actions, at));
+        }
+        Ok(model.states_of_latents(&means_of(run, i, config)?, &episode.actions, at))
+    })
+}
+
+/// The latents of an episode's steps, as they were encoded.
+fn means_of(run: &Run, episode: usize, config: &WorldModelConfig) -> Result<Tensor, FitError> {
+    means(run, episode, config.vae.latent)
 }
 
 /// The parameters with a moment of each of up to thirty held-out episodes beside them, where dreams may start.
 ///
 /// It is a moment on the road, so that whoever dreams is not lost at once, and after the first second of the episode,
 /// in which the camera is still on its way down.
-fn with_starts(dataset: &Dataset, split: &Split, parameters: &Parameters) -> Result<Parameters, FitError> {
+///
+/// `states` are those of an episode before some steps.
+fn with_starts(
+    source: Source<'_>,
+    split: &Split,
+    parameters: &Parameters,
+    states: impl Fn(&WorldModel, usize, &Episode, &[usize]) -> Result<Vec<LatentState>, FitError>,
+) -> Result<Parameters, FitError> {
     const FIRST: usize = 60;
     const SAFE_BEFORE: usize = 20;
     let model = WorldModel::load(parameters.clone())
         .unwrap_or_else(|e| unreachable!("these are the finite parameters of that very model: {e}"));
-    let mut starts = Vec::new();
-    for (i, &episode) in split.held_out.iter().enumerate() {
-        let episode = dataset.episode(episode)?;
+    let (mut starts, mut i) = (Vec::new(), 0);
+    source.read(&split.held_out, |number, episode| {
         let is_on_road = |at: &usize| !episode.grass[at.saturating_sub(SAFE_BEFORE)..=*at].contains(&true);
         let at = (FIRST + 40 * (i % 5)..episode.actions.len()).find(is_on_road);
         let at = at.or(episode.actions.len().checked_sub(1)).filter(|_| starts.len() < 30);
-        starts
-            .extend(at.into_iter().flat_map(|at| model.states_of(&episode.frames, &episode.actions, &[at])));
-    }
+        if let Some(at) = at {
+            starts.extend(states(&model, number, &episode, &[at])?);
+        }
+        i += 1;
+        Ok(())
+    })?;
     Ok(model.parameters_with_starts(&starts, &split.held_out))
 }
 
 fn fit_vae(
-    dataset: &Dataset,
+    source: Source<'_>,
     split: &Split,
     config: &WorldModelConfig,
     fit: &FitConfig,
+    backend: Backend,
     run: &Run,
     report: &mut Report<'_>,
 ) -> Result<nn::VarStore, FitError> {
     let mut rng = ChaCha8Rng::seed_from_u64(fit.seed);
-    let store = nn::VarStore::new(Device::Cpu);
-    let vae = Vae::new(&store.root(), config.vae.clone(), fast_kind(), &mut rng);
+    let store = nn::VarStore::new(backend.device);
+    let vae = Vae::new(&store.root(), config.vae.clone(), backend.kind, &mut rng);
     let latent = config.vae.latent;
-    let mut frames = ShuffledFrames::new(dataset, split.train.clone());
-    let held_out = held_out_frames(dataset, split)?;
-    let update = |rng: &mut ChaCha8Rng| {
-        let batch = frames.next(fit.vae.batch, rng)?;
-        let loss = vae.loss(&from_frames(&batch), &normal(rng, &[batch.len() as i64, latent]));
-        Ok((loss.reconstruction + loss.divergence, batch.len()))
+    let mut pictures = None;
+    let held_out = held_out_frames(source, split)?;
+    let update = |rng: &mut ChaCha8Rng, _: usize| {
+        // Only now: a fit that goes on may have no epoch of vision left.
+        let pictures = match &mut pictures {
+            Some(pictures) => pictures,
+            none => none.insert(Pictures::new(source, split.train.clone(), backend, rng)?),
+        };
+        let batch = pictures.next(fit.vae.batch, rng)?;
+        let loss = vae.loss(&batch, &backend.normal(rng, &[fit.vae.batch as i64, latent]));
+        Ok((loss.reconstruction + loss.divergence, fit.vae.batch))
     };
     let score = |rng: &mut ChaCha8Rng| {
         let mut sum = 0.0;
         for batch in held_out.chunks(100) {
-            let loss = vae.loss(&from_frames(batch), &normal(rng, &[batch.len() as i64, latent]));
+            let noise = normal(rng, &[batch.len() as i64, latent]).to_device(backend.device);
+            let loss = vae.loss(&from_frames_on(backend.device, batch), &noise);
             sum += (loss.reconstruction + loss.divergence).double_value(&[]) * batch.len() as f64;
         }
         Ok(sum / held_out.len() as f64)
     };
     let fingerprint = format!("emphasis {}", config.vae.emphasis);
     let network = (store, config.vae.slots());
-    TrainLoop::new(Stage::Vae, &fit.vae, network, rng, fingerprint).run(run, None, update, score, report)
+    let training = TrainLoop::new((Stage::Vae, backend), &fit.vae, network, rng, fingerprint);
+    training.run(run, None, update, score, report)
 }
 
 fn fit_mdn_rnn(
     split: &Split,
     config: &WorldModelConfig,
     fit: &FitConfig,
+    backend: Backend,
     vision: String,
     run: &Run,
     report: &mut Report<'_>,
 ) -> Result<nn::VarStore, FitError> {
     let mut rng = ChaCha8Rng::seed_from_u64(fit.seed.wrapping_add(1));
-    let store = nn::VarStore::new(Device::Cpu);
+    let store = nn::VarStore::new(backend.device);
     let mdn_rnn = MdnRnn::new(&store.root(), config.mdn_rnn.clone(), &mut rng);
-    let loss = |episodes: &[usize], rng: &mut ChaCha8Rng| -> Result<(Tensor, usize), FitError> {
+    let loss = |episodes: &[usize], kind: Kind, rng: &mut ChaCha8Rng| -> Result<(Tensor, usize), FitError> {
         let windows = windows(run, episodes, fit.window, config.mdn_rnn.latent, rng)?;
         let n_steps = windows.lens.iter().sum::<i64>() as usize;
-        Ok((mdn_rnn.loss(&windows.zs, &windows.actions, &windows.lens), n_steps))
+        let on_device = |tensor: &Tensor| tensor.to_device(backend.device);
+        let lens = on_device(&Tensor::from_slice(&windows.lens));
+        Ok((mdn_rnn.loss_in(kind, &on_device(&windows.zs), &on_device(&windows.actions), &lens), n_steps))
     };
-    let update = |rng: &mut ChaCha8Rng| {
+    let mut sequences = None;
+    let update = |rng: &mut ChaCha8Rng, epoch: usize| {
+        // The last digits are learned in single precision.
+        let kind = if fit.mdn_rnn.twentieths(epoch) < 17 { backend.recurrent_kind() } else { Kind::Float };
+        if !backend.is_cpu() {
+            let sequences = if let Some(sequences) = &sequences {
+                sequences
+            } else {
+                let latent = config.mdn_rnn.latent;
+                sequences.insert(DeviceSequences::load(run, &split.train, latent, backend.device)?)
+            };
+            if let Some(sequences) = sequences {
+                let windows = sequences.windows(fit.mdn_rnn.batch, fit.window);
+                let loss = mdn_rnn.loss_in(kind, &windows.zs, &windows.actions, &windows.lens);
+                return Ok((loss, fit.mdn_rnn.batch * fit.window));
+            }
+        }
         let episodes: Vec<_> =
             (0..fit.mdn_rnn.batch).map(|_| split.train[rng.random_range(0..split.train.len())]).collect();
-        loss(&episodes, rng)
+        loss(&episodes, kind, rng)
     };
     let score = |rng: &mut ChaCha8Rng| {
         let mut sum = 0.0;
         let batches: Vec<_> = split.held_out.chunks(32).collect();
         for episodes in &batches {
-            sum += loss(episodes, rng)?.0.double_value(&[]);
+            sum += loss(episodes, Kind::Float, rng)?.0.double_value(&[]);
         }
         Ok(sum / batches.len() as f64)
     };
     // Gradients are clipped entry by entry to ±1 (method §4.4).
     let network = (store, config.mdn_rnn.slots());
-    TrainLoop::new(Stage::MdnRnn, &fit.mdn_rnn, network, rng, vision).run(
+    TrainLoop::new((Stage::MdnRnn, backend), &fit.mdn_rnn, network, rng, vision).run(
         run,
         Some(1.0),
         update,

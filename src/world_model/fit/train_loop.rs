@@ -8,16 +8,20 @@ use tch::{Tensor, nn};
 use crate::run::Run;
 use crate::tensor::adam::Adam;
 use crate::tensor::{
-    NotFinite, Parameters, ParametersError, Slot, described, describes, layout_of, require_finite,
+    Backend, NotFinite, Parameters, ParametersError, Slot, described, describes, layout_of, require_finite,
 };
 use crate::world_model::fit::{FitError, Progress, Report, Schedule, Stage};
 
 /// The key of the training state in the metadata of a checkpoint.
 const STATE: &str = "standing";
 
+/// On an accelerator the loss is read once in so many updates: to read it is to wait.
+const READ_EVERY: usize = 32;
+
 /// A network in training.
 pub(super) struct TrainLoop<'a> {
     stage: Stage,
+    backend: Backend,
     schedule: &'a Schedule,
     store: nn::VarStore,
     /// How the network is stored.
@@ -42,7 +46,7 @@ struct TrainState {
 impl<'a> TrainLoop<'a> {
     /// The network in `store` before its first epoch. `fingerprint` says what its scores depend on.
     pub(super) fn new(
-        stage: Stage,
+        (stage, backend): (Stage, Backend),
         schedule: &'a Schedule,
         (store, slots): (nn::VarStore, Vec<Slot>),
         rng: ChaCha8Rng,
@@ -51,7 +55,7 @@ impl<'a> TrainLoop<'a> {
         let adam = Adam::new(&store);
         let learning_rate = schedule.learning_rate;
         let state = TrainState { epoch: 0, learning_rate, best: f64::INFINITY, n_stale: 0, fingerprint };
-        Self { stage, schedule, store, slots, adam, rng, state }
+        Self { stage, backend, schedule, store, slots, adam, rng, state }
     }
 
     /// The name of a checkpoint.
@@ -103,11 +107,13 @@ impl<'a> TrainLoop<'a> {
     }
 
     /// Runs all epochs that are left, then takes the best parameters back.
+    ///
+    /// `update` is told the epoch.
     pub(super) fn run(
         mut self,
         run: &Run,
         clip: Option<f64>,
-        mut update: impl FnMut(&mut ChaCha8Rng) -> Result<(Tensor, usize), FitError>,
+        mut update: impl FnMut(&mut ChaCha8Rng, usize) -> Result<(Tensor, usize), FitError>,
         mut score: impl FnMut(&mut ChaCha8Rng) -> Result<f64, FitError>,
         report: &mut Report<'_>,
     ) -> Result<nn::VarStore, FitError> {
@@ -118,6 +124,7 @@ impl<'a> TrainLoop<'a> {
             let learning_rate = self.state.learning_rate.min(self.schedule.ceiling(self.state.epoch));
             self.rng.set_stream(self.state.epoch as u64 + 1);
             self.rng.set_word_pos(0);
+            self.backend.begin(&mut self.rng);
             let mut progress = Progress {
                 stage: self.stage,
                 epoch: self.state.epoch,
@@ -130,16 +137,24 @@ impl<'a> TrainLoop<'a> {
                 learning_rate,
                 is_best: false,
             };
-            let mut sum = 0.0;
+            let read_every = if self.backend.is_cpu() { 1 } else { READ_EVERY };
+            let (mut sum, mut unread) = (0.0, None::<Tensor>);
             for done in 1..=updates_per_epoch {
-                let (loss, items) = update(&mut self.rng)?;
-                let value = loss.double_value(&[]);
-                if !value.is_finite() {
-                    return Err(FitError::NotFinite(self.at("the loss", done)));
+                let (loss, items) = update(&mut self.rng, self.state.epoch)?;
+                let fresh = loss.detach();
+                let fresh = unread.take().map_or_else(|| fresh.shallow_clone(), |unread| unread + &fresh);
+                if done % read_every == 0 || done == updates_per_epoch {
+                    let value = fresh.double_value(&[]);
+                    if !value.is_finite() {
+                        return Err(FitError::NotFinite(self.at("the loss", done)));
+                    }
+                    sum += value;
+                    progress.loss = sum / done as f64;
+                } else {
+                    unread = Some(fresh);
                 }
                 self.adam.step(&loss, learning_rate, clip);
-                sum += value;
-                progress = Progress { done, items, loss: sum / done as f64, ..progress };
+                progress = Progress { done, items, ..progress };
                 if done < updates_per_epoch && report(&progress).is_break() {
                     return Err(FitError::Stopped);
                 }
