@@ -19,7 +19,7 @@ pub(crate) struct Options {
     /// The session whose latest reward is judged
     #[arg(long)]
     session: PathBuf,
-    /// Sessions dreamed with the same world model, whose answers it has to foretell
+    /// Sessions dreamed with the same world model, whose answers it has to predict
     #[arg(long, num_args = 1.., required = true)]
     on: Vec<PathBuf>,
     /// The world model of these sessions, where it is not found by itself
@@ -54,7 +54,7 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
 fn in_words(figures: &PredictionMetrics) -> String {
     let agreement = figures.agreement.map_or_else(
         || "no side was named".to_owned(),
-        |agreement| format!("{:.1} % of {} sides foretold", 100.0 * agreement, figures.n_strict),
+        |agreement| format!("{:.1} % of {} sides predicted", 100.0 * agreement, figures.n_strict),
     );
     let PredictionMetrics { n, log_loss, floor, .. } = figures;
     format!("{agreement}; loss {log_loss:.4} over {n}, of which {floor:.4} cannot be saved")

@@ -66,7 +66,7 @@ enum Command {
     Simulate(simulate::Options),
     /// Learn a session's answers anew, perhaps with other weights (step 3)
     Refit(refit::Options),
-    /// Say how well a session's reward foretells the answers of others
+    /// Say how well a session's reward predicts the answers of others
     CheckReward(check_reward::Options),
     /// Drive the real car by a session's reward (step 4)
     Deploy(deploy::Options),

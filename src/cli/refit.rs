@@ -38,7 +38,7 @@ pub(crate) struct Options {
     /// Of initialization and order
     #[arg(long, default_value_t = 0)]
     seed: u64,
-    /// Also hold out this share of the answers, learn from the rest, and say how well those are foretold
+    /// Also hold out this share of the answers, learn from the rest, and say how well those are predicted
     #[arg(long, value_parser = above(0.0, 0.9))]
     held_out: Option<f64>,
     /// Learn from verdicts on transitions as ReQueST did, each network by itself and classes alike; else as DROPJ's authors

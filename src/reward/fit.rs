@@ -425,7 +425,7 @@ mod tests {
     }
 
     #[test]
-    fn an_answer_is_foretold_before_it_is_learned() {
+    fn an_answer_is_predicted_before_it_is_learned() {
         let mut trainer = trainer(RewardConfig::tiny());
         let surprising = pair(SafetyAnswer::OnlyLeft, 99);
         let p = trainer.predict(&Pair {
@@ -447,7 +447,7 @@ mod tests {
     }
 
     #[test]
-    fn a_changed_answer_was_foretold_when_it_was_new() {
+    fn a_changed_answer_was_predicted_when_it_was_new() {
         let mut trainer = trainer(RewardConfig::tiny());
         let before = trainer.predictions[3].unwrap();
         trainer.relabel(3, Label::EQUAL);

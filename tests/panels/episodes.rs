@@ -76,7 +76,7 @@ fn learned(harness: &mut Harness<'_, Window>, backstage: &Backstage) {
     harness.run_steps(2);
 }
 
-/// What the librarian was asked for, by name and number.
+/// What the episode browser was asked for, by name and number.
 fn asked(backstage: &Backstage) -> Vec<String> {
     let said = |order| match order {
         WorkerCommand::EpisodeBrowser(EpisodeBrowserCommand::Open { recording, .. }) => {

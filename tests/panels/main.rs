@@ -263,7 +263,7 @@ fn wait_for(harness: &mut Harness<'_, Window>, is_there: impl Fn(&Harness<'_, Wi
 
 /// What a window in a test begins with.
 fn startup(dir: &Path, session: Option<SessionStore>, backstage: &Backstage) -> WindowStartup {
-    let crew = backstage.clone();
+    let inner = backstage.clone();
     let app = Startup {
         env: "car-racing".to_owned(),
         sessions: dir.to_owned(),
@@ -273,8 +273,8 @@ fn startup(dir: &Path, session: Option<SessionStore>, backstage: &Backstage) -> 
         seed: 1,
     };
     let workers = move |wake: Wake| -> Box<dyn Workers> {
-        *crew.jobs.lock().unwrap() = Some(Threads::new(worker_config(), None, wake));
-        Box::new(crew)
+        *inner.jobs.lock().unwrap() = Some(Threads::new(worker_config(), None, wake));
+        Box::new(inner)
     };
     WindowStartup { app, workers: Box::new(workers), input: Box::new(backstage.clone()) }
 }

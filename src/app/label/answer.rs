@@ -1,7 +1,8 @@
 //! Answering queries, taking answers back, and showing the clips.
 
+use crate::app::label::pair::Pair;
 use crate::app::label::query_selection::is_held_back;
-use crate::app::label::{Pair, Shown};
+use crate::app::label::seen::Shown;
 use crate::app::{App, Panel, Tick};
 use crate::env::Frame;
 use crate::query::{

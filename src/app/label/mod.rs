@@ -2,6 +2,7 @@
 
 mod answer;
 mod budget;
+mod pair;
 mod predictions;
 mod query_selection;
 mod seen;
@@ -17,6 +18,7 @@ pub use seen::Moment;
 
 pub(crate) use answer::PREFERENCES;
 pub(crate) use budget::LabelClock;
+pub(crate) use pair::Pair;
 pub(crate) use predictions::Predictions;
 pub(crate) use query_selection::{MOST_HELD_BACK, MOST_REPEATS, obstacles};
 pub(crate) use seen::Shown;
@@ -97,13 +99,6 @@ pub enum LabelCommand {
     Faster(bool),
     /// Plays clips at so many frames a second.
     Speed(f64),
-}
-
-/// Clips of a pair, ready to be shown.
-#[derive(Clone, Debug)]
-pub(crate) struct Pair {
-    pub left: Vec<Picture>,
-    pub right: Vec<Picture>,
 }
 
 /// Answering.

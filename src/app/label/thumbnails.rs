@@ -1,6 +1,6 @@
 //! Small pictures of queries in the list of answers.
 
-use crate::app::label::Pair;
+use crate::app::label::pair::Pair;
 use crate::app::{App, Picture};
 use crate::env::Frame;
 use crate::query::{Query, QueryId};

@@ -3,6 +3,7 @@
 mod annotators;
 mod answers;
 mod predictions;
+mod protocol;
 pub(super) mod progress;
 mod query_selection;
 mod trajectories;
@@ -19,6 +20,7 @@ use crate::ui::View;
 use crate::ui::command::Commands;
 use crate::ui::input;
 use crate::ui::label::progress::progress_ui;
+use crate::ui::label::protocol::protocol_ui;
 use crate::ui::settings::keymap::KeyAction;
 use crate::ui::tokens::{self, CONTROL, GAP, Tokens};
 use crate::ui::widgets::clip::{Rim, picture_ui, timeline_ui};
@@ -194,20 +196,6 @@ fn head_ui(ui: &mut Ui, state: &View<'_>, commands: &mut Commands) {
         }
         ui.with_layout(Layout::right_to_left(Align::Center), |ui| progress_ui(ui, state, commands));
     });
-}
-
-/// Which questions are asked, and which else could be.
-pub(in crate::ui) fn protocol_ui(ui: &mut Ui, state: &View<'_>, commands: &mut Commands) {
-    let present = state.protocol();
-    let menu = ui.menu_button(tokens::small(ui, present.name()), |ui| {
-        for protocol in Protocol::ALL {
-            if ui.selectable_label(protocol == present, protocol.name()).clicked() {
-                commands.push(Command::Label(LabelCommand::ChangeProtocol(protocol)));
-                ui.close();
-            }
-        }
-    });
-    menu.response.on_hover_text("Ask other questions from here on");
 }
 
 /// What is said of an answer that came too early.

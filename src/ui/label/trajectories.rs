@@ -6,7 +6,7 @@ use crate::app::{Command, LabelCommand, Panel, WindowCommand};
 use crate::planner::synthesis::Acquisition;
 use crate::ui::View;
 use crate::ui::command::Commands;
-use crate::ui::label::protocol_ui;
+use crate::ui::label::protocol::protocol_ui;
 use crate::ui::tokens::{self, GAP};
 use crate::ui::widgets::gauge::progress_ui;
 use crate::ui::widgets::keycap::{KeyButton, Tone};
