@@ -10,7 +10,7 @@ pub mod place;
 
 use std::collections::BTreeSet;
 use std::fs::{self, File, OpenOptions, TryLockError};
-use std::io::{self, ErrorKind, Write as _};
+use std::io::{self, ErrorKind, Read as _, Write as _};
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 
@@ -24,6 +24,13 @@ pub use building::{Building, IsOurs, is_being_built};
 pub use output::{Kind, OutputFile, replace_file, sync_folder, write_whole};
 use place::Told;
 pub use place::{check_folder, remove_partials};
+
+/// The bytes of a file, or nothing where it has more than `most`: no more than these are read.
+pub fn read_at_most(path: &Path, most: u64) -> io::Result<Option<Vec<u8>>> {
+    let mut bytes = Vec::new();
+    File::open(path)?.take(most.saturating_add(1)).read_to_end(&mut bytes)?;
+    Ok((bytes.len() as u64 <= most).then_some(bytes))
+}
 
 /// What the name of a file or folder ends in until it is whole.
 pub const PARTIAL: &str = "partial";

@@ -10,7 +10,7 @@ use rand::{Rng, RngExt as _};
 use rand_distr::{Distribution as _, StandardNormal};
 use tch::{Device, Kind, Tensor};
 
-use crate::env::Frame;
+use crate::world::Frame;
 
 pub use backend::{Backend, DeviceChoice, DeviceError, fast_kind};
 pub use container::Dtype;
@@ -58,7 +58,7 @@ pub fn from_slice(values: &[f32], shape: &[i64]) -> Tensor {
 /// Frames as a tensor of intensities in `[0, 1]`: always bytes divided by 255.
 ///
 /// # Shapes
-/// - returns `[B, P, P, 3]`, channels last
+/// - returns `[B, H, W, 3]`, channels last
 pub fn from_frames(frames: &[Frame]) -> Tensor {
     intensities(&bytes_of_frames(frames))
 }
@@ -66,7 +66,7 @@ pub fn from_frames(frames: &[Frame]) -> Tensor {
 /// The same on a device, to which only the bytes go.
 ///
 /// # Shapes
-/// - returns `[B, P, P, 3]`, channels last
+/// - returns `[B, H, W, 3]`, channels last
 pub fn from_frames_on(device: Device, frames: &[Frame]) -> Tensor {
     intensities(&bytes_of_frames(frames).to_device(device))
 }
@@ -79,27 +79,29 @@ pub fn intensities(bytes: &Tensor) -> Tensor {
 /// Frames as a tensor of bytes.
 ///
 /// # Shapes
-/// - returns `[B, P, P, 3]`, channels last
+/// - returns `[B, H, W, 3]`, channels last
 pub fn bytes_of_frames(frames: &[Frame]) -> Tensor {
-    let side = i64::from(frames.first().map_or(0, Frame::side));
-    let mut bytes = Vec::with_capacity(frames.len() * (3 * side * side) as usize);
+    let [height, width] =
+        frames.first().map_or([0; 2], |frame| [i64::from(frame.height()), i64::from(frame.width())]);
+    let mut bytes = Vec::with_capacity(frames.len() * (3 * height * width) as usize);
     for frame in frames {
         bytes.extend_from_slice(frame.rgb());
     }
-    Tensor::from_slice(&bytes).view([frames.len() as i64, side, side, 3])
+    Tensor::from_slice(&bytes).view([frames.len() as i64, height, width, 3])
 }
 
 /// The frames of a tensor of intensities, clipped to `[0, 1]` and rounded to bytes.
 ///
 /// # Shapes
-/// - `pixels`: `[B, P, P, 3]`, channels last
+/// - `pixels`: `[B, H, W, 3]`, channels last
 pub fn to_frames(pixels: &Tensor) -> Vec<Frame> {
-    let [_, side, _, _] = dims(pixels);
+    let [_, height, width, _] = dims(pixels);
     let bytes = (pixels.to_kind(Kind::Float) * 255.0).round().clamp(0.0, 255.0).to_kind(Kind::Uint8);
     let bytes = bytes.contiguous().view(-1);
     let mut all = vec![0u8; bytes.numel()];
     bytes.copy_data(&mut all, bytes.numel());
-    all.chunks_exact(3 * (side * side) as usize).map(|rgb| Frame::new(side as u32, rgb)).collect()
+    let frame = |rgb| Frame::new(height as u32, width as u32, rgb);
+    all.chunks_exact(3 * (height * width) as usize).map(frame).collect()
 }
 
 #[cfg(test)]
@@ -108,7 +110,9 @@ mod tests {
 
     #[test]
     fn frames_survive_the_way_to_tensors_and_back() {
-        let frame = Frame::new(2, (0..12u8).map(|i| i * 23).collect::<Vec<_>>());
-        assert_eq!(to_frames(&from_frames(std::slice::from_ref(&frame))), [frame]);
+        for (height, width) in [(2, 2), (1, 4), (4, 1)] {
+            let frame = Frame::new(height, width, (0..12u8).map(|i| i * 23).collect::<Vec<_>>());
+            assert_eq!(to_frames(&from_frames(std::slice::from_ref(&frame))), [frame]);
+        }
     }
 }

@@ -11,13 +11,14 @@ use dropj::app::{
     App, Command, DeployCommand, DreamCommand, Effect, FirstWorld, LabelCommand, MessageKind, Moment, Panel,
     RewardCommand, SessionCommand, Startup, Tick, WindowCommand,
 };
-use dropj::env::{Action, Env};
 use dropj::planner::PlannerConfig;
 use dropj::planner::synthesis::SynthesisConfig;
 use dropj::query::{Preference, QueryId, Response, SafetyAnswer};
 use dropj::reward::RewardConfig;
 use dropj::session::{SessionStore, replay};
 use dropj::worker::{DreamStart, LoadedWorld, Threads, WorkerConfig, Workers};
+use dropj::world::Action;
+use dropj::world::World as _;
 use dropj::world_model::fit::FitConfig;
 use dropj::world_model::{LatentState, WorldModelConfig, untrained};
 use rand::SeedableRng as _;
@@ -35,8 +36,8 @@ impl Headless {
     fn new(sessions: &Path) -> Self {
         let world = toy_world();
         let config = WorkerConfig {
-            env: Box::new(|_| Box::new(DummyRoad::default()) as Box<dyn Env>),
-            env_name: "dummy-road".to_owned(),
+            open: Arc::new(|_| Ok(Box::new(DummyRoad::world()))),
+            spec: Arc::clone(DummyRoad::world().spec()),
             world: WorldModelConfig::tiny(),
             fit: FitConfig::full(),
             reward: RewardConfig::tiny(),
@@ -46,7 +47,8 @@ impl Headless {
         };
         let workers = Threads::new(config, Some(&world.parameters), || ());
         let app = App::new(Startup {
-            env: "dummy-road".to_owned(),
+            spec: Arc::clone(DummyRoad::world().spec()),
+            spec_file: None,
             sessions: sessions.to_owned(),
             dataset: sessions.join("recordings"),
             world: FirstWorld::Here(Ok(Box::new(world))),
@@ -78,7 +80,7 @@ impl Headless {
         self.settle();
         self.app.drawn();
         if self.app.state().panel() == Panel::Dream {
-            self.workers.action().put((Action::new(0.2, 0.0, 0.0), Instant::now()));
+            self.workers.action().put((Action::new([0.2, 0.0, 0.0]), Instant::now()));
         }
     }
 
@@ -87,7 +89,9 @@ impl Headless {
             match effect {
                 Effect::Worker(command) => self.workers.send(command),
                 Effect::ReleaseControls => {}
-                Effect::OpenDialog(..) | Effect::KeepOpen => panic!("nobody asked for {effect:?}"),
+                Effect::OpenDialog(..) | Effect::OpenWorld(_) | Effect::KeepOpen => {
+                    panic!("nobody asked for {effect:?}")
+                }
             }
         }
         for report in self.workers.poll() {
@@ -193,7 +197,7 @@ fn nothing_counts_before_it_is_on_disk() {
         let mut episode = dropj::dream::DreamEpisode::new(state.clone(), 7);
         for _ in 0..60 {
             episode.zs.push(&[0.1; 4]);
-            episode.actions.push(Action::default());
+            episode.actions.push(Action::new([0.0; 3]));
         }
         Box::new(episode)
     };

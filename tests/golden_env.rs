@@ -3,9 +3,9 @@
 //! The files hold the columns of `trace::COLUMNS`, a line a step. With glibc's sines all of it is equal to the last
 //! bit; with the portable ones of the product, poses drift apart by and by.
 
-use dropj::env::trace::{COLUMNS, Row, Traced, trace};
-use dropj::env::trig::Trig;
-use dropj::env::{Aids, CarRacing, Env as _, ObstacleCarRacing, Obstacles, Seed};
+use dropj::world::cars::trace::{COLUMNS, Row, Traced, trace};
+use dropj::world::cars::trig::Trig;
+use dropj::world::cars::{Aids, CarRacing, Env as _, ObstacleCarRacing, Obstacles, Seed};
 
 const PLAIN: &str = include_str!("golden/env_plain_seed0.csv");
 const CHUCKHOLES: &str = include_str!("golden/env_chuckholes_seed1.csv");
@@ -157,5 +157,5 @@ fn leaving_the_field_ends_the_episode_at_a_loss() {
     let last =
         (0..1000).map(|_| env.advance([0.0, 0.3, 0.0].into())).find(|outcome| outcome.end.is_some()).unwrap();
     assert_eq!((last.reward, last.events.grass), (-1.0, true));
-    assert_eq!(last.end, Some(dropj::env::End::OutOfBounds));
+    assert_eq!(last.end, Some(dropj::world::End::Terminated));
 }

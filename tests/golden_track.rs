@@ -7,10 +7,10 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use dropj::env::Seed;
-use dropj::env::process::process;
-use dropj::env::random::{ChoiceStream, UniformStream};
-use dropj::env::track::Track;
+use dropj::world::cars::Seed;
+use dropj::world::cars::process::process;
+use dropj::world::cars::random::{ChoiceStream, UniformStream};
+use dropj::world::cars::track::Track;
 
 fn golden(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/golden").join(name)
@@ -65,7 +65,7 @@ fn tracks_are_those_of_gym_and_gymnasium() {
         assert_eq!(track.nodes.len() as f64, number(3), "tiles of {row:?}");
         assert_eq!(n_kerbs as f64, number(4), "kerbs of {row:?}");
         let [first, last] = [track.nodes[0], track.nodes[track.nodes.len() - 1]];
-        let sum = |of: fn(&dropj::env::track::Node) -> f64| track.nodes.iter().map(of).sum::<f64>();
+        let sum = |of: fn(&dropj::world::cars::track::Node) -> f64| track.nodes.iter().map(of).sum::<f64>();
         let values = [first.alpha, first.beta, first.x, first.y, last.alpha, last.beta, last.x, last.y];
         // The sine of glibc and of libm differ in the last bit now and then, and the walk carries that on.
         for (i, value) in values.into_iter().enumerate() {

@@ -1,12 +1,14 @@
 //! What the scripted pilot records: mostly the road, enough of the grass, never far from either.
 
-use dropj::env::{Action, Aids, CarRacing, End, Env as _, ObstacleCarRacing, Obstacles, Seed, Truth};
-use dropj::simulate::pilot::{PilotStyle, ScriptedPilot};
+use dropj::world::End;
+use dropj::world::cars::CarAction;
+use dropj::world::cars::pilot::{PilotStyle, ScriptedPilot};
+use dropj::world::cars::{Aids, CarRacing, Env as _, ObstacleCarRacing, Obstacles, Seed, Truth};
 use rand::SeedableRng as _;
 use rand_chacha::ChaCha8Rng;
 
 /// One step: what was done, and what the simulator knew afterwards.
-type Step = (Action, Truth);
+type Step = (CarAction, Truth);
 
 /// An episode of a pilot, and how it ended.
 fn drive(seed: u64, pilot: impl Fn(&mut ChaCha8Rng) -> ScriptedPilot) -> (Vec<Step>, End) {
@@ -32,7 +34,7 @@ fn share(steps: &[Step], of: impl Fn(&Step) -> bool) -> f64 {
 fn varied_pilots_show_the_road_the_grass_and_every_speed() {
     let episodes: Vec<_> = (0..24).map(|seed| drive(seed, ScriptedPilot::drawn)).collect();
 
-    let n_out = episodes.iter().filter(|(_, end)| *end == End::OutOfBounds).count();
+    let n_out = episodes.iter().filter(|(_, end)| *end == End::Terminated).count();
     let n_visited = |steps: &[Step]| steps.last().map_or(0, |(_, truth)| truth.n_visited);
     let mean_visited = episodes.iter().map(|(steps, _)| n_visited(steps)).sum::<usize>() / episodes.len();
     let steps: Vec<Step> = episodes.into_iter().flat_map(|(steps, _)| steps).collect();
@@ -86,7 +88,7 @@ fn a_pilot_passes_most_obstacles_and_meets_some() {
             cars[1] += usize::from(events.car_passed);
             end = outcome.end;
         }
-        assert_eq!(end, Some(End::TimeLimit), "nobody leaves the field");
+        assert_eq!(end, Some(End::Truncated), "nobody leaves the field");
         n_visited += env.truth().n_visited;
     }
     let rate = |[met, passed]: [usize; 2]| met as f64 / passed as f64;

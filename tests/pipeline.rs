@@ -5,14 +5,15 @@ mod support;
 use std::ops::{ControlFlow, Range};
 use std::path::Path;
 
-use dropj::dataset::{Dataset, EpisodeInfo, StepRecord};
+use dropj::dataset::{Dataset, EpisodeInfo, Layout, StepRecord};
 use dropj::dream::Dream;
-use dropj::env::{Action, End, Env as _, Seed};
 use dropj::evaluation::{PlanningPolicy, evaluate_episode};
 use dropj::planner::{Agent, PlannerConfig};
 use dropj::query::{DreamId, QueryId, Response, SEGMENT_LEN, SegmentRef, Weights, sample_queries};
 use dropj::reward::{RewardConfig, RewardEnsemble, SegmentPair, Trainer, segment_rows};
 use dropj::run::Run;
+use dropj::world::End;
+use dropj::world::{Action, World as _};
 use dropj::world_model::fit::{FitConfig, Progress, Stage, fit_world};
 use dropj::world_model::{WorldModel, WorldModelConfig};
 use rand::{RngExt as _, SeedableRng as _};
@@ -22,7 +23,7 @@ use support::{DummyRoad, Oracle};
 /// Steering that holds for a while, as hands do.
 fn wander(t: usize, held: &mut Action, rng: &mut ChaCha8Rng) -> Action {
     if t.is_multiple_of(6) {
-        *held = Action::new(rng.random_range(-1..=1) as f32, 0.1, 0.0);
+        *held = Action::new([rng.random_range(-1..=1) as f32, 0.1, 0.0]);
     }
     *held
 }
@@ -32,20 +33,22 @@ fn recorded(folder: &Path, seeds: Range<u64>, rng: &mut ChaCha8Rng) -> Dataset {
     let mut dataset =
         Dataset::create_or_open(&folder.join("data"), "dummy-road").expect("the folder is ours");
     for seed in seeds {
-        let mut env = DummyRoad::default();
-        env.reset(Seed::Native(seed));
+        let mut world = DummyRoad::world();
+        let mut frame = world.reset(seed).expect("a toy never fails");
         let info = EpisodeInfo { env: "dummy-road".into(), pilot: "test".into(), seed };
-        let (sensors, mut held) = (env.sensors(), Action::default());
-        let mut recording = dataset.begin_with(info, sensors).expect("the disk has room");
+        let (layout, mut held) = (Layout::of(world.spec(), &world.sensors()), Action::new([0.0; 3]));
+        let mut recording = dataset.begin_with(info, &layout).expect("the disk has room");
         for t in 0..DummyRoad::LEN {
-            let (frame, state, action) = (env.frame(), env.state(), wander(t, &mut held, rng));
-            let outcome = env.advance(action);
-            let (reward, grass) = (outcome.reward, outcome.events.grass);
+            let (state, action) = (world.state(), wander(t, &mut held, rng));
+            let step = world.step(&action).expect("a toy never fails");
+            let (reward, frame) =
+                (step.reward.unwrap_or_default(), std::mem::replace(&mut frame, step.frame));
+            let events = step.events.iter().map(|event| event.goes_on).collect();
             recording
-                .push(&StepRecord { frame, action, reward, grass, contacts: None, wall_time_ns: 0, state })
+                .push(&StepRecord { frame, action, reward, events, wall_time_ns: 0, state })
                 .expect("the disk has room");
         }
-        dataset.seal(recording, &env.frame(), Some(End::TimeLimit)).expect("the disk has room");
+        dataset.seal(recording, &frame, Some(End::Truncated)).expect("the disk has room");
     }
     dataset
 }
@@ -109,7 +112,7 @@ fn a_car_that_learned_from_answers_stays_on_the_road_better_than_one_that_did_no
     // Step 2: drive in the dream.
     let mut dreams = Vec::new();
     for (seed, start) in (0..).zip(model.starts().iter().cycle().take(6)) {
-        let (mut dream, mut held) = (Dream::new(start, seed), Action::default());
+        let (mut dream, mut held) = (Dream::new(start, seed), Action::new([0.0; 3]));
         (0..150).for_each(|t| dream.step(&model, wander(t, &mut held, rng), rng).unwrap());
         dreams.push(dream.finish());
     }
@@ -120,8 +123,7 @@ fn a_car_that_learned_from_answers_stays_on_the_road_better_than_one_that_did_no
     let reward_config = RewardConfig::tiny();
     let fresh = || {
         RewardEnsemble::new(
-            config.n_features(),
-            &model.hash(),
+            (config.n_features(), model.hash().as_str()),
             reward_config.clone(),
             &mut ChaCha8Rng::seed_from_u64(1),
         )
@@ -130,9 +132,14 @@ fn a_car_that_learned_from_answers_stays_on_the_road_better_than_one_that_did_no
     for query in sample_queries(&lens, 150, QueryId(0), rng) {
         let clip = |s: SegmentRef| dreams[s.dream.0 as usize].frames(&model, s.start..s.start + SEGMENT_LEN);
         let answer = Oracle::answer(&clip(query.left), &clip(query.right));
-        let label = Weights::car_racing().label(&Response::Safety(answer)).unwrap();
+        let label = Weights::paper().label(&Response::Safety(answer)).unwrap();
         let rows = |s: SegmentRef| {
-            segment_rows(&features[s.dream.0 as usize], &dreams[s.dream.0 as usize].actions, s)
+            segment_rows(
+                &features[s.dream.0 as usize],
+                &dreams[s.dream.0 as usize].actions,
+                model.ranges(),
+                s,
+            )
         };
         trainer.predict_and_add(&SegmentPair { left: rows(query.left), right: rows(query.right), label });
     }
@@ -144,10 +151,9 @@ fn a_car_that_learned_from_answers_stays_on_the_road_better_than_one_that_did_no
         let rates = (100..104).map(|seed| {
             let agent = Agent::new(planner.clone(), seed);
             let mut policy = PlanningPolicy::new(&model, reward, agent);
-            let seed = Seed::Native(seed);
-            evaluate_episode(&mut DummyRoad::default(), seed, &mut policy, |_, _| ControlFlow::Continue(()))
+            evaluate_episode(&mut DummyRoad::world(), seed, &mut policy, |_, _| ControlFlow::Continue(()))
                 .unwrap()
-                .grass_rate
+                .unsafe_rate
         });
         rates.sum::<f32>() / 4.0
     };

@@ -7,17 +7,17 @@ use std::path::Path;
 use std::process::{Command, Stdio};
 
 use dropj::dream::{Dream, DreamEpisode};
-use dropj::env::Action;
 use dropj::query::{
     DreamId, LabeledQuery, Preference, Protocol, Query, QueryId, Response, SafetyAnswer, SegmentRef, Weights,
     sample_queries,
 };
-use dropj::reward::{RewardConfig, RewardEnsemble, SegmentPair, Trainer, segment_rows};
+use dropj::reward::{RewardConfig, RewardEnsemble, RewardInputs, SegmentPair, Trainer, segment_rows};
 use dropj::session::{
     Annotators, Answer, Choice, DreamSource, Event, FORMAT, Fit, Header, SessionError, SessionStore, hand_on,
     latest, list_sessions, merge, replay,
 };
 use dropj::tensor::Parameters;
+use dropj::world::Action;
 use dropj::world_model::{LatentState, WorldModel, WorldModelConfig, untrained};
 use rand::SeedableRng as _;
 use rand_chacha::ChaCha8Rng;
@@ -34,7 +34,7 @@ fn dream(model: &WorldModel, len: usize, seed: u64) -> DreamEpisode {
     let mut dream = Dream::new(&start, seed);
     let rng = &mut ChaCha8Rng::seed_from_u64(seed);
     for t in 0..len {
-        dream.step(model, Action::new((t as f32).sin(), 0.5, 0.0), rng).unwrap();
+        dream.step(model, Action::new([(t as f32).sin(), 0.5, 0.0]), rng).unwrap();
     }
     dream.mark_unsafe();
     dream.finish()
@@ -120,14 +120,14 @@ fn a_reward_that_is_learned_again_has_the_losses_of_the_log() {
     let mut store = small(&dir, &model);
     let (after, seed) = (store.session().n_entries(), 5);
     let rng = &mut ChaCha8Rng::seed_from_u64(seed);
-    let (n_features, config) = (model.config().n_features(), RewardConfig::tiny());
+    let config = RewardConfig::tiny();
     let epochs = config.epochs(store.session().labeled().len()) as u32;
-    let mut trainer = Trainer::new(RewardEnsemble::new(n_features, &model.hash(), config, rng));
+    let mut trainer = Trainer::new(RewardEnsemble::new(RewardInputs::of(&model), config, rng));
     let labeled = store.session().labeled();
     for LabeledQuery { query, label } in &labeled {
         let rows = |segment: SegmentRef| {
             let episode = store.dream(segment.dream).unwrap();
-            segment_rows(&episode.features(&model), &episode.actions, segment)
+            segment_rows(&episode.features(&model), &episode.actions, model.ranges(), segment)
         };
         trainer.predict_and_add(&SegmentPair {
             left: rows(query.left),
@@ -301,7 +301,7 @@ fn recent_sessions_come_latest_first_and_the_unreadable_last() {
         dirs
     };
     assert_eq!(dirs(), [late.dir(), early.dir(), &sessions.join("broken")]);
-    early.record_at(Event::WeightsChanged { weights: Weights::car_racing() }, AT + 120_000).unwrap();
+    early.record_at(Event::WeightsChanged { weights: Weights::paper() }, AT + 120_000).unwrap();
     assert_eq!(dirs(), [early.dir(), late.dir(), &sessions.join("broken")]);
 }
 

@@ -5,13 +5,13 @@ use std::ops::ControlFlow;
 use std::path::Path;
 
 use dropj::dream::Dream;
-use dropj::env::Action;
 use dropj::query::{
     DreamId, Preference, Protocol, QueryId, Response, SafetyAnswer, Transition, Verdict, sample_queries,
 };
 use dropj::reward::{LearnedReward, SparseConfig, fit_sparse_anew, transition_row};
 use dropj::session::{Answer, Choice, DreamSource, Event, Fit, Header, SessionStore, replay};
 use dropj::tensor::NotFinite;
+use dropj::world::Action;
 use dropj::world_model::{LatentState, WorldModel, WorldModelConfig, untrained};
 use rand::SeedableRng as _;
 use rand_chacha::ChaCha8Rng;
@@ -30,7 +30,7 @@ fn session(dir: &Path, model: &WorldModel) -> SessionStore {
     let mut store = SessionStore::create(dir, header).unwrap();
     let start = LatentState { z: vec![0.1; 4], c: vec![0.0; 16], h: vec![0.0; 16] };
     let (mut dream, rng) = (Dream::new(&start, 1), &mut ChaCha8Rng::seed_from_u64(1));
-    (0..60).for_each(|t| dream.step(model, Action::new((t as f32).sin(), 0.5, 0.0), rng).unwrap());
+    (0..60).for_each(|t| dream.step(model, Action::new([(t as f32).sin(), 0.5, 0.0]), rng).unwrap());
     store.save_dream(&dream.finish(), DreamSource::User).unwrap();
     for i in 0..40 {
         let transition = Transition { dream: DreamId(0), first: 5, step: 5 + i as usize };

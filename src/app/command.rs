@@ -28,7 +28,7 @@ pub enum Command {
     Label(LabelCommand),
     /// On the reward.
     Reward(RewardCommand),
-    /// On the car that the planner drives.
+    /// On the world that the planner acts in.
     Deploy(DeployCommand),
     /// On sessions and their files.
     Session(SessionCommand),

@@ -1,13 +1,13 @@
-//! The planner drives the real car.
+//! The planner acts in the real world.
 
 use crate::app::{App, Field, Picture};
 use crate::evaluation::EpisodeMetrics;
 use crate::worker::{DeployReport, DriveView, DriverCommand, WorkerCommand};
 
-/// On the car that the planner drives.
+/// On the world that the planner acts in.
 #[derive(Clone, Debug, PartialEq)]
 pub enum DeployCommand {
-    /// Lets the planner drive an episode.
+    /// Lets the planner act for an episode.
     Start,
     /// Stops its clock, or lets it go on.
     Pause,
@@ -15,7 +15,7 @@ pub enum DeployCommand {
     Stop,
 }
 
-/// The planner drives.
+/// The planner acts.
 #[derive(Debug, Default)]
 pub(crate) struct Deploying {
     pub is_on: bool,
@@ -25,7 +25,7 @@ pub(crate) struct Deploying {
     pub picture: Option<Picture>,
     /// Last pictures of the candidates.
     pub candidates: Vec<Option<Picture>>,
-    /// Episodes that ended: the track's seed and the figures.
+    /// Episodes that ended: the seed and the figures.
     pub episodes: Vec<(u64, EpisodeMetrics)>,
 }
 
@@ -33,9 +33,12 @@ impl App {
     pub(super) fn deploy_command(&mut self, command: DeployCommand) {
         match command {
             DeployCommand::Start => {
-                let Some(seed) = self.track_seed(Field::DeploySeed) else { return };
+                let Some(seed) = self.episode_seed(Field::DeploySeed) else { return };
                 let deploy = &mut self.state.deploy;
                 (deploy.is_on, deploy.is_paused, deploy.seed) = (true, false, seed);
+                // A world in a process takes its time until the first of them.
+                (deploy.view, deploy.picture) = (None, None);
+                deploy.candidates.clear();
                 self.send(WorkerCommand::Driver(DriverCommand::Drive { seed }));
             }
             DeployCommand::Pause => {
@@ -63,22 +66,27 @@ impl App {
             DeployReport::Ended { seed, metrics } => {
                 deploy.is_on = false;
                 deploy.episodes.push((seed, metrics));
-                self.next_track(Field::DeploySeed);
+                self.next_seed(Field::DeploySeed);
             }
         }
     }
 
-    /// The seed of a track that somebody has typed; says so where it is none.
-    pub(super) fn track_seed(&mut self, field: Field) -> Option<u64> {
+    /// The seed that somebody has typed; says so where it is none, or where there is no episode to begin.
+    pub(super) fn episode_seed(&mut self, field: Field) -> Option<u64> {
+        if self.state.is_recorded_only() {
+            let title = &self.state.spec.title;
+            self.warn(format!("{title} is known from recordings alone: it cannot be acted in"));
+            return None;
+        }
         let seed = self.state.field(field).trim().parse().ok();
         if seed.is_none() {
-            self.fail("the seed of a track is a whole number, such as 7".to_owned());
+            self.fail("the seed of an episode is a whole number, such as 7".to_owned());
         }
         seed
     }
 
-    /// Another track each time, unless somebody writes which.
-    pub(super) fn next_track(&mut self, field: Field) {
+    /// Another seed each time, unless somebody writes which.
+    pub(super) fn next_seed(&mut self, field: Field) {
         if let Ok(seed) = self.state.field(field).trim().parse::<u64>() {
             self.state.fields.insert(field, seed.wrapping_add(1).to_string());
         }

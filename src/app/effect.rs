@@ -1,5 +1,7 @@
 //! What the application wants done outside itself.
 
+use std::path::PathBuf;
+
 use crate::app::panel::Purpose;
 use crate::worker::WorkerCommand;
 
@@ -14,6 +16,8 @@ pub enum Effect {
     OpenDialog(Purpose, String),
     /// All that is held on keys and pads is let go: another thing is driven now.
     ReleaseControls,
+    /// The program ends, and begins anew with the world in this file.
+    OpenWorld(PathBuf),
     /// The window stays open, for something would be lost with it.
     KeepOpen,
 }

@@ -34,6 +34,7 @@ pub mod world_model;
 
 use std::collections::VecDeque;
 use std::path::PathBuf;
+use std::sync::Arc;
 
 use rand::{RngExt as _, SeedableRng as _};
 use rand_chacha::ChaCha8Rng;
@@ -41,6 +42,7 @@ use rand_chacha::ChaCha8Rng;
 use crate::query::QueryId;
 use crate::session::{LoadedSession, SessionStore};
 use crate::worker::{FolderCheck, JobCommand, LoadedWorld, Report, SessionWriterCommand, WorkerCommand};
+use crate::world::WorldSpec;
 
 pub use command::{Command, PlaybackCommand, WindowCommand};
 pub use deploy::DeployCommand;
@@ -69,8 +71,10 @@ pub enum FirstWorld {
 /// What the application begins with.
 #[derive(Debug)]
 pub struct Startup {
-    /// The environment that it is about, as on the command line.
-    pub env: String,
+    /// The world that it is about.
+    pub spec: Arc<WorldSpec>,
+    /// Its file, where it has one of its own: sessions remember it.
+    pub spec_file: Option<PathBuf>,
     /// The folder of sessions.
     pub sessions: PathBuf,
     /// The folder of recordings.
@@ -124,9 +128,9 @@ pub struct App {
 impl App {
     /// The application as it begins; its first effects are waiting.
     pub fn new(startup: Startup) -> Self {
-        let Startup { env, sessions, dataset, world, session, seed } = startup;
+        let Startup { spec, spec_file, sessions, dataset, world, session, seed } = startup;
         let mut app = Self {
-            state: State { env, ..State::default() },
+            state: State { spec, spec_file, ..State::default() },
             effects: Vec::new(),
             seeds: ChaCha8Rng::seed_from_u64(seed),
             date: 0,
@@ -286,6 +290,8 @@ impl App {
         match purpose {
             Purpose::Field(field) => drop(self.state.fields.insert(field, path.display().to_string())),
             Purpose::World => self.load_world_model(path),
+            // As if it had been dropped on the window: it is read first.
+            Purpose::Env => self.job(JobCommand::Identify(path)),
             Purpose::Recordings => self.use_dataset(path),
             Purpose::Merge => self.session_command(SessionCommand::AddToMerge(path)),
         }

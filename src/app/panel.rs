@@ -3,7 +3,7 @@
 /// A place in the window, in the order of the work.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub enum Panel {
-    /// Driving the real car to record it.
+    /// Acting in the real world to record it.
     Record,
     /// Fitting and choosing a world model.
     World,
@@ -14,7 +14,7 @@ pub enum Panel {
     Label,
     /// Watching the reward learn.
     Reward,
-    /// Watching the planner drive.
+    /// Watching the planner act.
     Deploy,
 }
 
@@ -45,9 +45,9 @@ pub enum Field {
     ModelOut,
     /// The file of a world model to load.
     ModelIn,
-    /// The seed of the track to record on.
+    /// The seed of the episode to record.
     RecordSeed,
-    /// The seed of the track to deploy on.
+    /// The seed of the episode to deploy in.
     DeploySeed,
     /// The folder of a session to open.
     Session,
@@ -66,6 +66,8 @@ pub enum Purpose {
     Field(Field),
     /// A world model to load.
     World,
+    /// The file of a world to open.
+    Env,
     /// A folder of recordings to use.
     Recordings,
     /// Sessions to merge with others.

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use crate::env::Frame;
+use crate::world::Frame;
 
 /// A picture of any size, which costs nothing to clone.
 #[derive(Clone, Debug, PartialEq)]
@@ -19,7 +19,7 @@ pub struct Picture {
 
 impl From<&Frame> for Picture {
     fn from(frame: &Frame) -> Self {
-        Self { width: frame.side(), height: frame.side(), rgb: frame.shared(), is_hard: true }
+        Self { width: frame.width(), height: frame.height(), rgb: frame.shared(), is_hard: true }
     }
 }
 

@@ -1,7 +1,5 @@
 //! Where one is in something that plays.
 
-use crate::env::STEPS_PER_SEC;
-
 /// A place in an episode, in steps, which moves while it plays.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Playhead {
@@ -29,10 +27,10 @@ impl Playhead {
         }
     }
 
-    /// Goes on for `secs` seconds, if it plays, and stops at the end.
-    pub(crate) fn pass(&mut self, secs: f64, len: usize) {
+    /// Goes on for `secs` seconds at so many steps a second, if it plays, and stops at the end.
+    pub(crate) fn pass(&mut self, secs: f64, rate: f64, len: usize) {
         if self.is_playing {
-            self.at += secs * STEPS_PER_SEC as f64;
+            self.at += secs * rate;
             if self.at as usize + 1 >= len {
                 self.stand_at(len.saturating_sub(1));
             }
@@ -48,9 +46,9 @@ mod tests {
     fn what_plays_stops_at_its_end_and_begins_anew() {
         let mut head = Playhead::default();
         head.toggle(100);
-        head.pass(1.0, 100);
+        head.pass(1.0, 50.0, 100);
         assert_eq!((head.step(100), head.is_playing), (50, true));
-        head.pass(1.0, 100);
+        head.pass(1.0, 50.0, 100);
         assert_eq!((head.step(100), head.is_playing), (99, false));
         head.toggle(100);
         assert_eq!((head.step(100), head.is_playing), (0, true));

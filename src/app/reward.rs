@@ -193,7 +193,7 @@ mod tests {
     #[test]
     fn moving_a_weight_keeps_the_order_of_severity() {
         let all = [("grass", 1.0), ("chuckhole", 0.9), ("car", 0.8), ("default", 0.75)];
-        let weights = Weights { justifications: Justifications::new(all).unwrap(), ..Weights::car_racing() };
+        let weights = Weights { justifications: Justifications::new(all).unwrap(), ..Weights::paper() };
         let moved = |idx, weight| -> Vec<f32> {
             let moved = with_justification(&weights, idx, weight);
             moved.justifications.iter().map(|(.., weight)| weight).collect()

@@ -1,6 +1,8 @@
 //! What the application knows: whoever shows it reads it, only the application changes it.
 
 use std::collections::BTreeMap;
+use std::path::PathBuf;
+use std::sync::Arc;
 
 use crate::app::deploy::Deploying;
 use crate::app::dream::{Dreaming, Reviewing};
@@ -14,12 +16,15 @@ use crate::app::world_model::World;
 use crate::evaluation::EpisodeMetrics;
 use crate::query::{Protocol, Weights};
 use crate::session::{Header, Session, UnfinishedDream};
+use crate::world::{SourceKind, WorldSpec};
 
 /// Everything that is shown.
 #[derive(Debug, Default)]
 pub struct State {
-    /// The environment, as on the command line.
-    pub(crate) env: String,
+    /// The world that all is about.
+    pub(crate) spec: Arc<WorldSpec>,
+    /// Its file, where it has one of its own.
+    pub(crate) spec_file: Option<PathBuf>,
     /// Seconds since the window opened.
     pub(crate) now: f64,
     /// The picture of the window that is being laid out.
@@ -79,7 +84,7 @@ impl State {
         self.dream.live.as_ref().filter(|_| self.dream.is_on).map(|live| live.step)
     }
 
-    /// Episodes that the planner has driven: the track's seed and the figures.
+    /// Episodes that the planner has driven: the seed and the figures.
     pub fn deployed(&self) -> &[(u64, EpisodeMetrics)] {
         &self.deploy.episodes
     }
@@ -91,12 +96,12 @@ impl State {
 
     /// The questions that are asked.
     pub(crate) fn protocol(&self) -> Protocol {
-        self.session().map_or_else(|| Protocol::of_env(&self.env), Session::protocol)
+        self.session().map_or_else(|| Protocol::of(&self.spec), Session::protocol)
     }
 
     /// What answers weigh.
     pub(crate) fn weights(&self) -> Weights {
-        self.session().map_or_else(|| Weights::of_env(&self.env), |session| session.weights().clone())
+        self.session().map_or_else(|| Weights::of(&self.spec), |session| session.weights().clone())
     }
 
     /// Whether something lies over the panel, so that its keys do nothing.
@@ -107,6 +112,22 @@ impl State {
     /// What is typed into a field.
     pub(crate) fn field(&self, field: Field) -> &str {
         self.fields.get(&field).map_or("", String::as_str)
+    }
+
+    /// The world that all is about.
+    pub fn spec(&self) -> Arc<WorldSpec> {
+        Arc::clone(&self.spec)
+    }
+
+    /// Whether only recordings of the world are there, so that it cannot be acted in.
+    pub(crate) fn is_recorded_only(&self) -> bool {
+        self.spec.source.kind == SourceKind::Recordings
+    }
+
+    /// Whether what keys and pad drive stands still.
+    pub(crate) fn is_standing(&self) -> bool {
+        let live = if self.panel == Panel::Record { &self.record.live } else { &self.dream.live };
+        live.as_ref().is_some_and(|live| live.is_paused)
     }
 
     /// Whether keys and pad drive something now.

@@ -109,12 +109,12 @@ fn gradient(loss: &Tensor, store: &nn::VarStore) -> Tensor {
 fn made(backend: Backend, config: &WorldModelConfig) -> Made {
     let rng = &mut ChaCha8Rng::seed_from_u64(0);
     let there = |tensor: Tensor| tensor.to_device(backend.device);
-    let (latent, side) = (config.vae.latent, config.vae.side);
+    let (latent, height, width) = (config.vae.latent, config.vae.height, config.vae.width);
     let mut made = Made::new();
 
     let store = nn::VarStore::new(backend.device);
     let vae = Vae::new(&store.root(), config.vae.clone(), backend.kind, rng);
-    let pixels = there((normal(rng, &[BATCH, side, side, 3]) * 0.2 + 0.5).clamp(0.0, 1.0));
+    let pixels = there((normal(rng, &[BATCH, height, width, 3]) * 0.2 + 0.5).clamp(0.0, 1.0));
     let mut noise = || there(normal(rng, &[BATCH, latent]));
     let (mean, log_var) = tch::no_grad(|| vae.encode(&pixels));
     made.push(("vision, latents", Tensor::cat(&[mean, log_var], 1)));
@@ -138,7 +138,7 @@ fn made(backend: Backend, config: &WorldModelConfig) -> Made {
     let store = nn::VarStore::new(backend.device);
     let mdn_rnn = MdnRnn::new(&store.root(), config.mdn_rnn.clone(), rng);
     let zs = there(normal(rng, &[BATCH, STEPS, latent]));
-    let actions = there(normal(rng, &[BATCH, STEPS, 3]));
+    let actions = there(normal(rng, &[BATCH, STEPS, config.mdn_rnn.actions]));
     let lens = there(Tensor::from_slice(&[STEPS, STEPS, STEPS, STEPS / 2]));
     // The recurrent arithmetic of training goes with that of vision.
     let kind = if backend.kind == Kind::Float { Kind::Float } else { backend.recurrent_kind() };
@@ -161,7 +161,7 @@ fn made(backend: Backend, config: &WorldModelConfig) -> Made {
         .map(|_| Noise { uniform: first(), normal: there(normal(rng, &[BATCH, latent])) })
         .collect();
     let drawn = tch::no_grad(|| dreamed(&|mixture, t| mixture.sample(1.0, &noises[t as usize])));
-    let reward = RewardEnsemble::new(config.n_features(), "none", RewardConfig::car_racing(), rng);
+    let reward = RewardEnsemble::new((config.n_features(), "none"), RewardConfig::car_racing(), rng);
     let reward = reward.in_kind(backend.kind).on(backend.device);
     let scores = reward.rewards(&features, &actions.select(1, 0));
     made.push(("imagination, after 50 steps", features));

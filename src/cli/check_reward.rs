@@ -5,11 +5,11 @@ use std::path::{Path, PathBuf};
 
 use anyhow::Context as _;
 use dropj::dream::Rows;
-use dropj::env::Action;
 use dropj::query::{DreamId, LabeledQuery, SegmentRef};
 use dropj::reward::{PredictionMetrics, RewardEnsemble, SegmentPair, Trainer, segment_rows};
 use dropj::session::SessionStore;
 use dropj::text::{distinct, shown};
+use dropj::world::Action;
 use dropj::world_model::WorldModel;
 
 use super::models;
@@ -71,7 +71,7 @@ fn labels(dir: &Path, model: &WorldModel) -> anyhow::Result<Vec<SegmentPair>> {
         dreams.into_iter().map(|(id, episode)| (id, of(episode))).collect();
     let rows = |segment: SegmentRef| {
         let (actions, features) = &dreams[&segment.dream];
-        segment_rows(features, actions, segment)
+        segment_rows(features, actions, model.ranges(), segment)
     };
     let pair = |LabeledQuery { query, label }| {
         let (left, right) = (rows(query.left), rows(query.right));

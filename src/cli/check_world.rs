@@ -3,10 +3,10 @@
 use std::path::PathBuf;
 
 use dropj::dataset::Dataset;
-use dropj::env::Frame;
 use dropj::evaluation::fidelity::{Fidelity, HORIZON, LEAST, Stretch, fidelity};
 use dropj::run::{Kind, OutputFile};
-use dropj::world_model::fit::{FitConfig, Split};
+use dropj::world::{Frame, Size};
+use dropj::world_model::fit::{FitConfig, Split, check_world};
 
 use super::models;
 use super::numbers::count;
@@ -33,8 +33,8 @@ pub(crate) struct Options {
 
 pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
     let picture = options.picture.as_deref().map(|path| OutputFile::at(path, Kind::Picture)).transpose()?;
-    let dataset = Dataset::open(&options.data)?;
     let model = models::world_model(&options.world)?;
+    let dataset = Dataset::open_as(&options.data, model.spec())?;
     let n = dataset.n_episodes();
     let held_out =
         model.held_out().unwrap_or_else(|| Split::new(n, FitConfig::full().held_out, options.seed).held_out);
@@ -43,16 +43,20 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
         "the world model was trained on more recordings than the {n} in {:?}: give those",
         options.data
     );
-    let (env, side) = (dataset.env().unwrap_or_default(), dataset.side().unwrap_or_default());
-    let seen = &model.config().vae;
+    let (env, seen) = (dataset.env().unwrap_or_default(), model.config().vae.size());
+    let shown = dataset.size().unwrap_or(Size { height: 0, width: 0 });
     anyhow::ensure!(
-        env == model.config().env && i64::from(side) == seen.side,
-        "the world model was trained on {:?}, in pictures of {} pixels a side, and these recordings are of {env:?}, in \
-         pictures of {side}: give those that it was trained on, not {:?}",
+        env == model.config().env && seen == shown,
+        "the world model was trained on {:?}, in pictures of {} x {} pixels, and these recordings are of {env:?}, in \
+         pictures of {} x {}: give those that it was trained on, not {:?}",
         model.config().env,
-        seen.side,
+        seen.height,
+        seen.width,
+        shown.height,
+        shown.width,
         options.data
     );
+    check_world(&dataset, model.config())?;
     let (figures, stretches) = fidelity(&model, &dataset, &held_out, options.stretches, 0)?;
     anyhow::ensure!(
         figures.n_stretches > 0,
@@ -72,16 +76,17 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
 /// Three rows a stretch, every fifth step.
 fn draw(stretches: &[Stretch]) -> image::RgbImage {
     const GAP: u32 = 4;
-    let side = stretches.first().map_or(1, |stretch| stretch.real[0].side());
+    let Size { height: rows, width: columns } =
+        stretches.first().map_or(Size { height: 1, width: 1 }, |stretch| stretch.real[0].size());
     let (n_columns, n_rows) = ((HORIZON / 5 + 1) as u32, 3 * stretches.len() as u32);
     let (width, height) =
-        (n_columns * (side + GAP) + GAP, n_rows * (side + GAP) + GAP * (1 + stretches.len() as u32));
+        (n_columns * (columns + GAP) + GAP, n_rows * (rows + GAP) + GAP * (1 + stretches.len() as u32));
     let mut picture = image::RgbImage::from_pixel(width, height, image::Rgb([255; 3]));
-    let rows = stretches.iter().flat_map(|s| [&s.real, &s.reconstructed, &s.dreamed]);
-    for (row, frames) in (0..).zip(rows) {
-        let y = GAP + row * (side + GAP) + row / 3 * GAP;
+    let all = stretches.iter().flat_map(|s| [&s.real, &s.reconstructed, &s.dreamed]);
+    for (row, frames) in (0..).zip(all) {
+        let y = GAP + row * (rows + GAP) + row / 3 * GAP;
         for (column, frame) in (0..).zip(frames.iter().step_by(5)) {
-            paste(&mut picture, frame, GAP + column * (side + GAP), y);
+            paste(&mut picture, frame, GAP + column * (columns + GAP), y);
         }
     }
     picture
@@ -89,6 +94,6 @@ fn draw(stretches: &[Stretch]) -> image::RgbImage {
 
 fn paste(picture: &mut image::RgbImage, frame: &Frame, left: u32, top: u32) {
     for (i, rgb) in (0..).zip(frame.rgb().as_chunks::<3>().0) {
-        picture.put_pixel(left + i % frame.side(), top + i / frame.side(), image::Rgb(*rgb));
+        picture.put_pixel(left + i % frame.width(), top + i / frame.width(), image::Rgb(*rgb));
     }
 }

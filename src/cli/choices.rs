@@ -1,25 +1,9 @@
 //! What is chosen by its name on the command line.
 
 use clap::ValueEnum;
-use dropj::env::{Aids, CarRacing, Env, ObstacleCarRacing, Obstacles, Seed};
-use dropj::planner::PlannerConfig;
 use dropj::query::{Protocol, Strategy};
 use dropj::simulate::player::Manner;
 use dropj::tensor::{Backend, DeviceChoice, DeviceError, Dtype, Parameters};
-use dropj::world_model::WorldModelConfig;
-
-use super::error::CliError;
-
-/// The worlds that can be driven in.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub(crate) enum EnvName {
-    /// Car Racing.
-    CarRacing,
-    /// Obstacle Car Racing with chuckholes and other cars.
-    ObstacleCarRacing,
-    /// Obstacle Car Racing with chuckholes alone.
-    ObstacleCarRacingChuckholes,
-}
 
 /// Whether something helps.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
@@ -31,58 +15,9 @@ pub(crate) enum Switch {
 }
 
 impl Switch {
-    /// All the aids there are, or none.
-    pub(crate) fn aids(self) -> Aids {
-        if self == Self::On { Aids::ALL } else { Aids::NONE }
-    }
-}
-
-impl EnvName {
-    /// The world itself; where there are obstacles, `aids` may help the driver.
-    pub(crate) fn open(self, aids: Aids) -> Box<dyn Env> {
-        let seed = Seed::Native(0);
-        match self {
-            Self::CarRacing => Box::new(CarRacing::new(seed)),
-            Self::ObstacleCarRacing => {
-                Box::new(ObstacleCarRacing::new(seed, Obstacles::ChuckholesAndCars, aids))
-            }
-            Self::ObstacleCarRacingChuckholes => {
-                Box::new(ObstacleCarRacing::new(seed, Obstacles::Chuckholes, aids))
-            }
-        }
-    }
-
-    /// The networks that two cores train and dream with for it.
-    pub(crate) fn world(self) -> WorldModelConfig {
-        match self {
-            Self::CarRacing => WorldModelConfig::car_racing(),
-            Self::ObstacleCarRacing | Self::ObstacleCarRacingChuckholes => {
-                WorldModelConfig::obstacle_compact()
-            }
-        }
-    }
-
-    /// How the planner looks ahead there.
-    pub(crate) fn planner(self) -> PlannerConfig {
-        match self {
-            Self::CarRacing => PlannerConfig::car_racing(),
-            Self::ObstacleCarRacing => PlannerConfig::obstacle_car_racing(),
-            Self::ObstacleCarRacingChuckholes => PlannerConfig::obstacle_car_racing_chuckholes(),
-        }
-    }
-
-    /// The world that is called so in sessions and recordings.
-    pub(crate) fn named(name: &str) -> Result<Self, CliError> {
-        Self::from_str(name, false).map_err(|_| CliError::World(name.to_owned()))
-    }
-
-    /// What it is called, here and in sessions and recordings.
-    pub(crate) fn name(self) -> &'static str {
-        match self {
-            Self::CarRacing => "car-racing",
-            Self::ObstacleCarRacing => "obstacle-car-racing",
-            Self::ObstacleCarRacingChuckholes => "obstacle-car-racing-chuckholes",
-        }
+    /// Whether it is on.
+    pub(crate) fn is_on(self) -> bool {
+        self == Self::On
     }
 }
 
@@ -125,7 +60,7 @@ pub(crate) enum StrategyName {
     Balanced,
     /// Where the reward's networks disagree
     Disagreement,
-    /// Near where the road was left
+    /// Near where something unsafe began
     Boundary,
 }
 
@@ -143,9 +78,9 @@ impl From<StrategyName> for Strategy {
 /// What players can be after.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(crate) enum MannerName {
-    /// Off the road nearly half of the time
+    /// To see everything, for a good part what is unsafe; a car is off the road nearly half of the time
     Exploring,
-    /// Fast along the road, slow beside it
+    /// To get on, and unsafe things now and then; a car is fast along the road, slow beside it
     Touring,
 }
 

@@ -17,17 +17,6 @@ pub(crate) struct Options {
     json: bool,
 }
 
-/// A figure of an episode, and its name in the results.
-type Figure = (&'static str, fn(&EpisodeMetrics) -> Option<f32>);
-
-const FIGURES: [Figure; 5] = [
-    ("return", |m| Some(m.ret)),
-    ("new tiles", |m| Some(m.new_tile_rate)),
-    ("grass", |m| Some(m.grass_rate)),
-    ("chuckholes", |m| m.chuckhole_rate),
-    ("cars", |m| m.car_rate),
-];
-
 /// Below so many values the distribution of χ² is a rough guide.
 const FEW: usize = 5;
 
@@ -59,14 +48,19 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
         let summaries = methods.iter().map(|episodes| Summary::of(episodes));
         println!("{}", table(&names_shown.iter().map(String::as_str).zip(summaries).collect::<Vec<_>>()));
     }
-    for (figure, value) in FIGURES {
+    for figure in figures(&methods) {
+        let value = |episode: &EpisodeMetrics| match figure.as_str() {
+            RETURN => Some(episode.ret),
+            UNSAFE => Some(episode.unsafe_rate),
+            event => episode.event(event),
+        };
         let values = |episodes: &Vec<EpisodeMetrics>| -> Vec<f64> {
             episodes.iter().filter_map(value).map(f64::from).filter(|value| value.is_finite()).collect()
         };
         let values: Vec<_> = methods.iter().map(values).collect();
         let groups: Vec<&[f64]> = values.iter().map(Vec::as_slice).collect();
         if groups.iter().all(|group| group.is_empty()) {
-            // A world without chuckholes or cars.
+            // No episode had it.
             continue;
         }
         let why = untested(&groups).map(|why| in_words(why, &groups, &names_shown));
@@ -84,9 +78,11 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
             continue;
         }
         let Some(test) = test else {
+            let figure = shown(&figure);
             println!("{figure}: not tested, for {}", why.as_deref().unwrap_or("the ranks say nothing"));
             continue;
         };
+        let figure = shown(&figure);
         println!("{figure}: Kruskal–Wallis H({}) = {:.3}, p {}", test.df, test.h, rounded(test.p));
         for pair in pairs {
             let (one, other) = (&names_shown[pair.pair.0], &names_shown[pair.pair.1]);
@@ -99,6 +95,21 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
         }
     }
     Ok(())
+}
+
+/// The names of the figures that are not of an event.
+const RETURN: &str = "return";
+const UNSAFE: &str = "unsafe";
+
+/// The names of all figures that an episode of some method has.
+fn figures(methods: &[Vec<EpisodeMetrics>]) -> Vec<String> {
+    let mut all = vec![RETURN.to_owned(), UNSAFE.to_owned()];
+    for figure in methods.iter().flatten().flat_map(|episode| &episode.events) {
+        if !all.contains(&figure.name) {
+            all.push(figure.name.clone());
+        }
+    }
+    all
 }
 
 /// Why a figure is not tested.
@@ -116,7 +127,9 @@ fn in_words(why: Untested, groups: &[&[f64]], names: &[String]) -> String {
 
 /// Whether two results are of the very same episodes: no two drives take the same time to the last digit.
 fn is_same(one: &[EpisodeMetrics], other: &[EpisodeMetrics]) -> bool {
-    one == other && one.iter().any(|episode| episode.plan_ms_mean.is_some())
+    // A figure that is missing is the same as one that is missing.
+    serde_json::json!(one) == serde_json::json!(other)
+        && one.iter().any(|episode| episode.plan_ms_mean.is_some())
 }
 
 /// A probability to four digits, and never nothing.

@@ -1,21 +1,23 @@
 //! `dropj deploy`.
 
+use std::fmt::Write as _;
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 
 use anyhow::Context as _;
-use dropj::env::{Env, MAX_STEPS};
 use dropj::evaluation::{
-    PlanningPolicy, Policy, Step, StraightOn, Summary, TracksAlike, evaluate_episode, table,
+    Constant, EpisodeMetrics, PlanningPolicy, Policy, Summary, TracksAlike, Watched, evaluate_episode, table,
 };
-use dropj::planner::{Agent, PlannerConfig};
-use dropj::reward::{LearnedReward, RewardConfig, RewardEnsemble};
+use dropj::planner::{Agent, PlannerConfig, candidates};
+use dropj::reward::{LearnedReward, RewardConfig, RewardEnsemble, RewardInputs};
 use dropj::run::{Kind, OutputFile};
 use dropj::session::{Header, SessionStore};
+use dropj::world::{Action, World, event_slug};
 use rand::SeedableRng as _;
 use rand_chacha::ChaCha8Rng;
 
-use super::choices::{EnvName, Switch};
+use super::choices::Switch;
+use super::chosen_world::{ChosenWorld, chosen_world};
 use super::meter::Meter;
 use super::models;
 use super::numbers::{count, number32};
@@ -30,34 +32,34 @@ pub(crate) struct Options {
     /// Drive by a reward that has learned nothing, drawn from this seed, for scale
     #[arg(long, conflicts_with = "session")]
     random_reward: Option<u64>,
-    /// Drive straight on without looking, for scale
+    /// Do the first thing that the planner could throughout, without looking, for scale: a car drives straight on
     #[arg(long, conflicts_with_all = ["session", "random_reward"])]
     straight_on: bool,
-    /// The world to drive in [default: the session's, or car-racing]
-    #[arg(long, value_enum)]
-    env: Option<EnvName>,
+    /// The world to act in, by its name or its file [default: the session's, or car-racing]
+    #[arg(long, value_name = "NAME|FILE", value_parser = chosen_world)]
+    env: Option<ChosenWorld>,
     /// The driving aids of the paper's evaluation, where there are obstacles
     #[arg(long, value_enum, default_value = "on")]
     aids: Switch,
     /// How many episodes
     #[arg(long, value_parser = clap::value_parser!(u64).range(0..=100_000), default_value_t = 10)]
     episodes: u64,
-    /// The track of the first; the others follow by one
+    /// The seed of the first; the others follow by one
     #[arg(long, default_value_t = 0)]
     seed: u64,
     /// How many steps the planner looks ahead [default: the world's]
     #[arg(long, value_parser = clap::value_parser!(u16).range(1..=200))]
     horizon: Option<u16>,
-    /// How hard the planner's candidates brake, from 0 to 1 [default: the world's]
+    /// How hard the candidates of the built-in cars brake, from 0 to 1 [default: the world's]
     #[arg(long, value_parser = number32(0.0..=1.0))]
     brake: Option<f32>,
-    /// Steps between forgetting all memory; 0 is never [default: 50]
+    /// Steps between forgetting all memory; 0 is never [default: the world's]
     #[arg(long, value_parser = count(0..=1_000_000))]
     memory_reset: Option<usize>,
     /// A world model other than the session's or the shipped one
     #[arg(long)]
     world: Option<PathBuf>,
-    /// A table to write, a line a step: where the car was, what was done and what the plan promised
+    /// A table to write, a line a step: what the world knows, what happened, what was done and what the plan promised
     #[arg(long)]
     steps: Option<PathBuf>,
     /// Print JSON: an object an episode, then one for the whole
@@ -72,29 +74,33 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
     let table_of_steps =
         options.steps.as_deref().map(|path| OutputFile::at(path, Kind::Table)).transpose()?;
     let header = options.session.as_deref().map(Header::read).transpose()?;
-    let own = header.map(|header| EnvName::named(&header.env)).transpose()?;
-    let env = options.env.or(own).unwrap_or(EnvName::CarRacing);
     let kept = options.session.as_deref().map(SessionStore::read_reward).transpose()?;
-    let model = match (&options.world, &options.session) {
-        (Some(path), _) => models::world_model(path)?,
-        (None, Some(dir)) => models::of_session(dir, None)?,
-        (None, None) => models::world_model(&models::world_model_asset(env))?,
+    let (model, env) = if let (Some(dir), Some(header)) = (&options.session, &header) {
+        let model = models::of_session(dir, options.world.as_deref())?;
+        let own = || ChosenWorld::of_session(header, Some(&model));
+        let env = options.env.clone().map_or_else(own, Ok)?;
+        (model, env)
+    } else {
+        let env = options.env.clone().unwrap_or_else(ChosenWorld::usual);
+        let path = options.world.clone().unwrap_or_else(|| env.world_model());
+        (models::world_model(&path)?, env)
     };
-    models::require(&model, env)?;
+    models::require(&model, &env)?;
     let reward = if let Some((_, reward)) = &kept {
         let dir = options.session.as_deref().unwrap_or(Path::new(""));
         let none = || format!("the session {dir:?} has no reward yet: fit one in the window");
         LearnedReward::load(reward.as_ref().with_context(none)?, model.identity())?
     } else {
         let rng = &mut ChaCha8Rng::seed_from_u64(options.random_reward.unwrap_or(0));
-        let (n, config) = (model.config().n_features(), RewardConfig::car_racing());
-        LearnedReward::Preferences(RewardEnsemble::new(n, &model.hash(), config, rng).for_inference())
+        let ensemble = RewardEnsemble::new(RewardInputs::of(&model), RewardConfig::car_racing(), rng);
+        LearnedReward::Preferences(ensemble.for_inference())
     };
 
-    let planner = if reward.is_sparse() { env.planner().for_transitions() } else { env.planner() };
-    let planner = options.run_file.over("planner", &planner, PlannerConfig::check)?;
+    let planner = PlannerConfig::of(&env.spec, None).for_model(&model);
+    let planner = if reward.is_sparse() { planner.for_transitions() } else { planner };
+    let planner = options.run_file.over("planner", &planner, PlannerConfig::check)?.for_model(&model);
     let horizon = options.horizon.map_or(planner.horizon, usize::from);
-    let brake = options.brake.unwrap_or(planner.brake);
+    let brake = options.brake.or(planner.brake);
     let given = options.memory_reset.map(|steps| (steps > 0).then_some(steps));
     let memory_reset = given.unwrap_or(planner.memory_reset);
     let config = PlannerConfig { horizon, brake, memory_reset, ..planner };
@@ -105,22 +111,27 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
     let tracks = TracksAlike { seed: options.seed };
     let mut episodes = Vec::new();
     let mut meter = Meter::new();
-    let n_steps = options.episodes as usize * MAX_STEPS;
-    let mut steps =
-        "track,step,speed,lateral,heading_error,wheels_off,grass,chuckhole,car,steer,gas,brake,chosen,best,worst\n"
-            .to_owned();
+    let n_steps = options.episodes as usize * env.spec.longest_episode;
+    let mut steps = String::new();
+    let mut world = env.open(options.aids.is_on())?;
+    let constant = candidates(&config, &mut ChaCha8Rng::seed_from_u64(0));
+    let straight_on = constant.first().and_then(|course| course.first()).copied();
+    let straight_on = straight_on.unwrap_or_else(|| Action::new(env.spec.neutral()));
     for i in 0..options.episodes {
         let number = options.seed.wrapping_add(i);
         let seed = tracks.track(i);
-        let mut env = env.open(options.aids.aids());
         let agent = Agent::new(config.clone(), number);
         let mut planning = PlanningPolicy::new(&model, &reward, agent);
-        let policy: &mut dyn Policy = if options.straight_on { &mut StraightOn } else { &mut planning };
-        let metrics = evaluate_episode(&mut *env, seed, policy, |env, step| {
+        let policy: &mut dyn Policy =
+            if options.straight_on { &mut Constant(straight_on) } else { &mut planning };
+        let metrics = evaluate_episode(&mut *world, seed, policy, |world, step| {
             if options.steps.is_some() {
-                steps.push_str(&line(number, env, step));
+                if steps.is_empty() {
+                    steps = heading(world);
+                }
+                steps.push_str(&line(number, world, step));
             }
-            let done = i as usize * MAX_STEPS + step.t + 1;
+            let done = i as usize * env.spec.longest_episode + step.t + 1;
             meter.at("driving steps", done, n_steps, || format!("track {number}"));
             ControlFlow::Continue(())
         });
@@ -134,12 +145,9 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
             meter.print(&serde_json::json!({"track": number, "metrics": metrics}).to_string());
         } else {
             meter.print(&format!(
-                "track {number}: return {:.0}, new tiles {:.1} %, grass {:.2} %, {}{}{} steps, plan {:.1} ms",
+                "track {number}: return {:.0}, {}{} steps, plan {:.1} ms",
                 metrics.ret,
-                100.0 * metrics.new_tile_rate,
-                100.0 * metrics.grass_rate,
-                rate("chuckholes", metrics.chuckhole_rate),
-                rate("cars", metrics.car_rate),
+                events(&metrics),
                 metrics.n_steps,
                 metrics.plan_ms_mean.unwrap_or(0.0)
             ));
@@ -160,32 +168,35 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// A rate that not every world has, in percent.
-fn rate(name: &str, rate: Option<f32>) -> String {
-    rate.map_or(String::new(), |rate| format!("{name} {:.0} %, ", 100.0 * rate))
+/// What happened in an episode: `grass 0.2 %, new tile 31.0 %, `.
+fn events(metrics: &EpisodeMetrics) -> String {
+    let mut text = String::new();
+    for figure in metrics.events.iter().filter(|figure| figure.value.is_some()) {
+        let _ = write!(text, "{} {}, ", figure.name, figure.shown());
+    }
+    text
+}
+
+/// The heading of the table of steps.
+fn heading(world: &dyn World) -> String {
+    let spec = world.spec();
+    let known = world.known().into_iter().map(|(name, _)| name.to_owned());
+    let events = spec.events.iter().map(|event| event_slug(&event.name));
+    let axes = spec.axes.iter().map(|axis| axis.name.replace([',', '"'], " "));
+    let all = ["track", "step"].map(str::to_owned).into_iter().chain(known).chain(events).chain(axes);
+    all.chain(["chosen", "best", "worst"].map(str::to_owned)).collect::<Vec<_>>().join(",") + "\n"
 }
 
 /// A line of the table of steps.
-fn line(track: u64, env: &dyn Env, step: &Step<'_>) -> String {
-    let truth = env.truth();
-    let (action, events) = (step.executed, step.outcome.events);
-    let plan = step.plan.map_or(",,".to_owned(), |plan| {
+fn line(track: u64, world: &dyn World, watched: &Watched<'_>) -> String {
+    let plan = watched.plan.map_or(",,".to_owned(), |plan| {
         let returns = || plan.candidates.iter().map(|candidate| candidate.predicted_return);
         let (best, worst) = (returns().fold(f32::MIN, f32::max), returns().fold(f32::MAX, f32::min));
         format!("{},{best:.3},{worst:.3}", plan.chosen)
     });
-    format!(
-        "{track},{},{:.2},{:.2},{:.3},{},{},{},{},{},{},{},{plan}\n",
-        step.t,
-        truth.speed,
-        truth.lateral,
-        truth.heading_error,
-        truth.wheels_off,
-        u8::from(events.grass),
-        u8::from(events.chuckhole),
-        u8::from(events.car),
-        action.steer,
-        action.gas,
-        action.brake
-    )
+    let known = world.known().into_iter().map(|(_, value)| value.to_string());
+    let events = watched.step.events.iter().map(|event| u8::from(event.happened).to_string());
+    let axes = watched.executed.iter().map(f32::to_string);
+    let cells: Vec<_> = known.chain(events).chain(axes).collect();
+    format!("{track},{},{},{plan}\n", watched.t, cells.join(","))
 }

@@ -50,9 +50,6 @@ pub(crate) enum CliError {
     /// Nobody's name.
     #[error("a name is needed")]
     Name,
-    /// The name of no world.
-    #[error("{0:?} is not a world of this program")]
-    World(String),
     /// The line is not one of this program's; help that was asked for is one of these, too.
     #[error(transparent)]
     Line(#[from] clap::Error),

@@ -4,14 +4,15 @@ use std::ops::ControlFlow;
 use std::path::PathBuf;
 
 use anyhow::Context as _;
-use dropj::dataset::Dataset;
+use dropj::planner::with_snippets;
 use dropj::run::{Kind, OutputFile, Run};
 use dropj::tensor::DeviceChoice;
 use dropj::worker::read_ahead;
 use dropj::world_model::WorldModelConfig;
 use dropj::world_model::fit::{self, FitConfig, Means, Progress, Stage, fit_world_with};
 
-use super::choices::{EnvName, Precision, backend};
+use super::choices::{Precision, backend};
+use super::chosen_world::{ChosenWorld, chosen_world, recordings};
 use super::meter::Meter;
 use super::numbers::{count, number};
 use super::run_file::{MAX_WHOLE, RunFile};
@@ -24,7 +25,10 @@ pub(crate) struct Options {
     /// The file to write; checkpoints and metrics go into a folder beside it, called as the file with .fit behind
     #[arg(long)]
     out: PathBuf,
-    /// The networks' sizes; if not given, what suits the recorded world on this kind of machine
+    /// The world that was recorded: its name, if it is built in, or its file; if not given, the name in the recordings
+    #[arg(long, value_name = "NAME|FILE", value_parser = chosen_world)]
+    env: Option<ChosenWorld>,
+    /// The networks' sizes; if not given, what suits the world on this kind of machine
     #[arg(long, value_enum)]
     preset: Option<Preset>,
     /// Go on from the last checkpoint
@@ -77,23 +81,17 @@ impl Preset {
 
 pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
     tch::set_num_threads(options.threads);
-    let dataset = Dataset::open(&options.data)?;
+    let (dataset, spec) = recordings(&options.data, options.env.as_ref())?;
     for damaged in dataset.damaged() {
         eprintln!("left out: {damaged}");
     }
-    let env = dataset.env().unwrap_or_default();
-    let suited = if env == EnvName::CarRacing.name() { Preset::CarRacing } else { Preset::ObstacleCompact };
-    let preset = options.preset.unwrap_or(suited);
-    let config = options.run_file.over("networks", &preset.config(), WorldModelConfig::check)?;
-    let mut config = WorldModelConfig { env: env.to_owned(), ..config };
+    let suited = || WorldModelConfig::for_world(&spec);
+    let base = options.preset.map_or_else(suited, |preset| preset.config().of_world(&spec));
+    let config = options.run_file.over("networks", &base, WorldModelConfig::check)?;
+    let mut config = config.of_world(&spec);
     config.vae.emphasis = options.emphasis.unwrap_or(config.vae.emphasis);
-    anyhow::ensure!(
-        dataset.side().map(i64::from) == Some(config.vae.side),
-        "these networks see frames of {0} x {0} pixels, and those of the recordings are others; \
-         choose another --preset",
-        config.vae.side
-    );
-    let mut settings = options.run_file.over("fit", &FitConfig::full(), FitConfig::check)?;
+    fit::check_world(&dataset, &config)?;
+    let mut settings = options.run_file.over("fit", &FitConfig::for_world(&spec), FitConfig::check)?;
     settings.seed = options.seed.unwrap_or(settings.seed);
     settings.vae.max_epochs = options.vae_epochs.unwrap_or(settings.vae.max_epochs);
     settings.mdn_rnn.max_epochs = options.mdn_rnn_epochs.unwrap_or(settings.mdn_rnn.max_epochs);
@@ -114,6 +112,13 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
     };
     let parameters = fit_world_with(means, &dataset, &config, &settings, &run, &mut report)?;
     drop(meter);
+    let mut meter = Meter::new();
+    let parameters = with_snippets(parameters, &dataset, &mut |done, n| {
+        meter.at("looking at what was done", done, n, String::new);
+        ControlFlow::Continue(())
+    })?;
+    drop(meter);
+    let parameters = parameters.context("nobody broke off")?;
     let parameters = options.dtype.store(&parameters)?;
     let hint = "the fit is done, but not written; with `--resume` nothing is fitted anew";
     out.write(parameters.bytes()).context(hint)?;

@@ -110,7 +110,7 @@ pub(crate) fn learn_reward(
     let features: BTreeMap<_, _> = dreams.iter().map(|(id, dream)| (*id, dream.features(model))).collect();
     let rows = |segment: SegmentRef| {
         let (dream, features) = (&dreams[&segment.dream], &features[&segment.dream]);
-        Ok::<_, NotFinite>(segment_rows(features, &dream.actions, segment))
+        Ok::<_, NotFinite>(segment_rows(features, &dream.actions, model.ranges(), segment))
     };
     let labels = session.labeled();
     anyhow::ensure!(!labels.is_empty(), NO_ANSWERS);

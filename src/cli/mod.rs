@@ -7,12 +7,16 @@ mod check_device;
 mod check_reward;
 mod check_world;
 mod choices;
+mod chosen_world;
 mod compare;
 mod convert;
 mod deploy;
 mod error;
+mod first_world;
+mod export;
 mod fit_probe;
 mod fit_world;
+mod labels;
 mod learn;
 mod meter;
 mod models;
@@ -22,6 +26,7 @@ mod record;
 mod refit;
 mod repair;
 mod replay;
+mod reward_on;
 mod run_file;
 mod screen;
 mod script;
@@ -32,6 +37,7 @@ mod trace;
 mod window;
 mod words;
 mod world;
+mod world_data;
 
 use std::ffi::OsString;
 
@@ -74,6 +80,12 @@ enum Command {
     Compare(compare::Options),
     /// Store a world model, a probe or a reward anew: in the layout of PyTorch, and in fewer bytes if that is asked
     Convert(convert::Options),
+    /// Write a session's answers and what they mean as a table, for other programs
+    Labels(labels::Options),
+    /// Write the reward of every step of a dream
+    Reward(reward_on::Options),
+    /// Write a world model or a reward for programs that run TorchScript
+    Export(export::Options),
     /// Go through a session again from its files
     Replay(replay::Options),
     /// Say how well bad dreams can be told before anybody skips them, on sessions in which some were skipped
@@ -135,6 +147,9 @@ pub(crate) fn run(cli: Cli) -> anyhow::Result<()> {
         Some(Command::Deploy(options)) => deploy::run(&options),
         Some(Command::Compare(options)) => compare::run(&options),
         Some(Command::Convert(options)) => convert::run(&options),
+        Some(Command::Labels(options)) => labels::run(&options),
+        Some(Command::Reward(options)) => reward_on::run(&options),
+        Some(Command::Export(options)) => export::run(&options),
         Some(Command::Replay(options)) => replay::run(&options),
         Some(Command::Screen(options)) => screen::run(&options),
         Some(Command::Agree(options)) => agree::run(&options),
@@ -224,6 +239,9 @@ mod tests {
             ("refit --session X", "default", "0.5 1.1 NaN inf -1"),
             ("refit --session X", "weights", "grass grass=0 grass=NaN"),
             ("refit --session X", "held-out", "-1 0 0.91 1 NaN inf"),
+            ("labels X", "safety", "0.5 1.1 NaN inf -1"),
+            ("labels X", "default", "0.5 1.1 NaN inf -1"),
+            ("labels X", "weights", "grass grass=0 grass=NaN"),
             ("trace --actions X", "gym-seed", "-1 18446744073709551616"),
             ("trace --actions X --gym-seed 0", "python-seed", "-1 18446744073709551616"),
         ] {

@@ -1,32 +1,46 @@
 //! Finding the networks that a command works with.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use anyhow::Context as _;
 use dropj::run::read_parameters;
 use dropj::session::SessionStore;
-pub(crate) use dropj::session::worlds::asset;
 use dropj::simulate::probe::Probe;
 use dropj::world_model::WorldModel;
 
-use super::choices::EnvName;
+use dropj::world::WorldSpec;
 
-/// The shipped world model of an environment.
-pub(crate) fn world_model_asset(env: EnvName) -> PathBuf {
-    // That with other cars has seen chuckholes without them, too.
-    let env = if env == EnvName::CarRacing { env } else { EnvName::ObstacleCarRacing };
-    asset(&format!("world-{}.safetensors", env.name()))
-}
+use super::chosen_world::ChosenWorld;
 
-/// Whether `model` can see what `env` shows.
-pub(crate) fn require(model: &WorldModel, env: EnvName) -> anyhow::Result<()> {
-    let (sees, shown) = (model.config().vae.side, env.world().vae.side);
+/// Whether `model` is of the world `here`: sees what it shows, and does what can be done there.
+pub(crate) fn require(model: &WorldModel, here: &ChosenWorld) -> anyhow::Result<()> {
+    let (of, spec) = (model.spec(), &here.spec);
+    let (sees, shown) = (of.image.trained(), spec.image.trained());
     anyhow::ensure!(
         sees == shown,
-        "this world model was trained on {:?}, in pictures of {sees} pixels a side, and {:?} shows {shown}: \
-         choose another with --world, or its environment with --env",
-        model.config().env,
-        env.name()
+        "this world model was trained on {:?}, in pictures of {sees} pixels, and {:?} shows {shown}: choose another with \
+         --world, or its world with --env",
+        of.name,
+        spec.name
+    );
+    let ranges = |spec: &WorldSpec| spec.axes.iter().map(|axis| (axis.low, axis.high)).collect::<Vec<_>>();
+    anyhow::ensure!(
+        ranges(of) == ranges(spec),
+        "this world model was trained on {:?}, whose actions are in the ranges {:?}, and those of {:?} are in {:?}: choose \
+         another with --world, or its world with --env",
+        of.name,
+        ranges(of),
+        spec.name,
+        ranges(spec)
+    );
+    anyhow::ensure!(
+        (of.rate - spec.rate).abs() <= 1e-3 * spec.rate,
+        "this world model was trained on {:?} at {} steps a second, and {:?} has {}: choose another with --world, or its \
+         world with --env",
+        of.name,
+        of.rate,
+        spec.name,
+        spec.rate
     );
     Ok(())
 }
@@ -47,15 +61,10 @@ pub(crate) fn of_session(dir: &Path, path: Option<&Path>) -> anyhow::Result<Worl
     }
 }
 
-/// The probe in `path`, or the shipped one of an environment.
-pub(crate) fn probe(path: Option<&Path>, env: EnvName) -> anyhow::Result<Probe> {
-    let shipped = match env {
-        EnvName::CarRacing => asset("probe-car-racing.safetensors"),
-        EnvName::ObstacleCarRacing | EnvName::ObstacleCarRacingChuckholes => {
-            asset("probe-obstacle-car-racing.safetensors")
-        }
-    };
-    let path = path.unwrap_or(&shipped);
+/// The probe in `path`, or that of a world.
+pub(crate) fn probe(path: Option<&Path>, world: &ChosenWorld) -> anyhow::Result<Probe> {
+    let usual = world.probe();
+    let path = path.unwrap_or(&usual);
     let parameters = read_parameters(path)
         .context("there is no usable probe; give one with --probe, or fit one with `dropj fit-probe`")?;
     Probe::load(&parameters).with_context(|| format!("in the file {path:?}"))

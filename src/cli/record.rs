@@ -1,13 +1,13 @@
 //! `dropj record`.
 
+use std::fmt::Write as _;
 use std::ops::ControlFlow;
 use std::path::PathBuf;
 
 use dropj::dataset::Dataset;
-use dropj::env::Aids;
 use dropj::simulate::record::record;
 
-use super::choices::EnvName;
+use super::chosen_world::{ChosenWorld, chosen_world};
 use super::meter::Meter;
 
 /// As many as a dataset of ours can number.
@@ -15,9 +15,9 @@ const MAX_EPISODES: u64 = 1_000_000;
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct Options {
-    /// The world to drive in
-    #[arg(long, value_enum, default_value = "car-racing")]
-    env: EnvName,
+    /// The world to act in, by its name or its file
+    #[arg(long, value_name = "NAME|FILE", value_parser = chosen_world, default_value = "car-racing")]
+    env: ChosenWorld,
     /// Who drives
     #[arg(long, value_enum, default_value = "scripted")]
     pilot: Pilot,
@@ -37,57 +37,58 @@ pub(crate) struct Options {
 
 #[derive(Clone, Copy, Debug, clap::ValueEnum)]
 enum Pilot {
-    /// Drives from simulator truth, mostly safely
+    /// The world itself, mostly safely: a built-in car by what its simulator knows, a process by its own policy; a process
+    /// without one is explored by chance
     Scripted,
 }
 
 pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
     let Pilot::Scripted = options.pilot;
-    let mut env = options.env.open(Aids::NONE);
+    let mut world = options.env.open(false)?;
     let mut dataset = Dataset::create_or_open(&options.out, options.env.name())?;
     let mut meter = Meter::new();
     let (first, n) = (options.first, options.episodes as usize);
     meter.at("recording episodes", 0, n, String::new);
-    let (mut n_steps, mut n_grass, mut n_chuckhole, mut n_car, mut n_episodes) = (0, 0, 0, 0, 0);
-    record(
-        &mut *env,
+    let names: Vec<&str> = options.env.spec.events.iter().map(|event| event.name.as_str()).collect();
+    let (mut n_steps, mut n_episodes, mut events) = (0, 0, vec![0; names.len()]);
+    let recorded = record(
+        &mut *world,
         &mut dataset,
         options.first..options.first + options.episodes,
         options.seed,
         |recorded| {
             n_steps += recorded.n_steps;
-            n_grass += recorded.n_grass;
-            n_chuckhole += recorded.n_chuckhole;
-            n_car += recorded.n_car;
             n_episodes += 1;
+            events.iter_mut().zip(&recorded.events).for_each(|(sum, n)| *sum += n);
             meter.line(&format!(
-                "episode {}: {} steps, return {:.0}, {:.0} % grass, {} steps in chuckholes, {} at cars",
+                "episode {}: {} steps, return {:.0}{}",
                 recorded.k,
                 recorded.n_steps,
                 recorded.ret,
-                percent(recorded.n_grass, recorded.n_steps),
-                recorded.n_chuckhole,
-                recorded.n_car
+                shares(&names, &recorded.events, recorded.n_steps)
             ));
             // Those that the dataset has already are passed over.
             let done = (recorded.k + 1 - first) as usize;
             meter.at("recording episodes", done, n, String::new);
             ControlFlow::Continue(())
         },
-    )?;
+    );
     drop(meter);
     println!(
-        "{n_episodes} episodes of {n_steps} steps recorded, {:.1} % of them on the grass, {:.1} % in chuckholes, \
-         {:.1} % at other cars; {} in all in {:?}",
-        percent(n_grass, n_steps),
-        percent(n_chuckhole, n_steps),
-        percent(n_car, n_steps),
+        "{n_episodes} episodes of {n_steps} steps recorded{}; {} in all in {:?}",
+        shares(&names, &events, n_steps),
         dataset.n_episodes(),
         options.out
     );
-    Ok(())
+    Ok(recorded?)
 }
 
-fn percent(n: usize, of: usize) -> f64 {
-    100.0 * n as f64 / of.max(1) as f64
+/// In how many steps each event went on: `, grass 24.1 %`.
+fn shares(names: &[&str], events: &[usize], n_steps: usize) -> String {
+    let share = |n: usize| 100.0 * n as f64 / n_steps.max(1) as f64;
+    let mut text = String::new();
+    for (name, n) in names.iter().zip(events) {
+        let _ = write!(text, ", {name} {:.1} %", share(*n));
+    }
+    text
 }

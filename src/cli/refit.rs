@@ -61,22 +61,7 @@ enum Learning {
 impl Options {
     /// What answers weigh from now on, where they weigh `now` what they do.
     fn weights(&self, now: &Weights) -> anyhow::Result<Weights> {
-        let mut weights = Weights {
-            safety: self.safety.unwrap_or(now.safety),
-            default: self.default.unwrap_or(now.default),
-            ..now.clone()
-        };
-        if !self.weights.is_empty() {
-            weights.justifications = Justifications::new(self.weights.iter().cloned())?;
-            let names =
-                |all: &Justifications| all.iter().map(|(_, name, _)| name.to_owned()).collect::<Vec<_>>();
-            let wanted = names(&now.justifications);
-            anyhow::ensure!(
-                names(&weights.justifications) == wanted,
-                "the answers of this session name {wanted:?}, in this order of severity: give each its weight"
-            );
-        }
-        Ok(weights)
+        reweighted(now, &self.weights, self.safety, self.default)
     }
 
     /// How answers under `protocol` are learned.
@@ -103,6 +88,30 @@ impl Options {
             ..config
         }))
     }
+}
+
+/// The weights `now` with others in place of those that are given; of justifications all or none.
+pub(crate) fn reweighted(
+    now: &Weights,
+    named: &[(String, f32)],
+    safety: Option<f32>,
+    default: Option<f32>,
+) -> anyhow::Result<Weights> {
+    let mut weights = Weights {
+        safety: safety.unwrap_or(now.safety),
+        default: default.unwrap_or(now.default),
+        ..now.clone()
+    };
+    if !named.is_empty() {
+        weights.justifications = Justifications::new(named.iter().cloned())?;
+        let names = |all: &Justifications| all.iter().map(|(_, name, _)| name.to_owned()).collect::<Vec<_>>();
+        let wanted = names(&now.justifications);
+        anyhow::ensure!(
+            names(&weights.justifications) == wanted,
+            "the answers of this session name {wanted:?}, in this order of severity: give each its weight"
+        );
+    }
+    Ok(weights)
 }
 
 pub(crate) fn run(options: &Options) -> anyhow::Result<()> {

@@ -1,6 +1,7 @@
 //! The application driven by a script in place of a person and a window: what happens to a session happens as there.
 
 use std::path::PathBuf;
+use std::sync::Arc;
 
 use dropj::app::{
     App, Command, DreamCommand, Effect, FirstWorld, LabelCommand, MessageKind, Moment, RewardCommand,
@@ -36,7 +37,8 @@ impl Script {
             starts: Vec::new(),
         };
         let app = App::new(Startup {
-            env: store.header().env.clone(),
+            spec: Arc::clone(model.spec()),
+            spec_file: None,
             sessions: store.dir().parent().map_or_else(PathBuf::new, PathBuf::from),
             dataset: PathBuf::new(),
             seed: store.header().seed,
@@ -133,9 +135,9 @@ impl Script {
                         self.writer.handle(command, &mut |report| reports.push(Report::Session(report)));
                     }
                     Effect::Worker(WorkerCommand::Jobs(command @ JobCommand::ReadSession(_))) => {
-                        let load: dropj::worker::LoadWorldModel = std::sync::Arc::new(|path| {
+                        let load: dropj::worker::LoadWorldModel = Arc::new(|path| {
                             let met = format!("nobody loads {path:?} here");
-                            Err(std::sync::Arc::new(std::io::Error::other(met)) as Cause)
+                            Err(Arc::new(std::io::Error::other(met)) as Cause)
                         });
                         jobs::run(command, &load, &mut |report| reports.push(Report::Job(report)));
                     }
@@ -143,6 +145,7 @@ impl Script {
                     Effect::Worker(_)
                     | Effect::OpenDialog(..)
                     | Effect::ReleaseControls
+                    | Effect::OpenWorld(_)
                     | Effect::KeepOpen => {}
                 }
             }

@@ -13,7 +13,8 @@ use dropj::session::{DreamSource, Header, NewSession, now, relative};
 use dropj::simulate::annotator::Annotator;
 use dropj::simulate::run::{Answered, Progress, SimulateConfig, simulate};
 
-use super::choices::{EnvName, MannerName, ProtocolName, StrategyName};
+use super::choices::{MannerName, ProtocolName, StrategyName};
+use super::chosen_world::{ChosenWorld, chosen_world};
 use super::learn::{learn_reward, sparse_config};
 use super::meter::Meter;
 use super::numbers::{count, name, named_weight, number, number32};
@@ -24,19 +25,19 @@ use super::{models, sparse};
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct Options {
-    /// The world that is dreamed of
-    #[arg(long, value_enum, default_value = "car-racing")]
-    env: EnvName,
+    /// The world that is dreamed of, by its name or its file
+    #[arg(long, value_name = "NAME|FILE", value_parser = chosen_world, default_value = "car-racing")]
+    env: ChosenWorld,
     /// Which questions are asked; of several, such as drop,drope,dropj, each gets its share of the queries [default:
-    /// dropj, with obstacles dropj-multi]
+    /// dropj, where several things must not happen dropj-multi]
     #[arg(long, value_enum, value_delimiter = ',')]
     protocol: Vec<ProtocolName>,
     /// What may be named under dropj-multi, and what it weighs: the most severe first, such as
-    /// chuckhole=1,grass=0.95,default=0.75
+    /// crash=1,bump=0.95,default=0.75
     #[arg(long, value_parser = named_weight, value_delimiter = ',')]
     weights: Vec<(String, f32)>,
-    /// How many queries; those that are skipped count [default: the paper's 500, with obstacles 1000; of single
-    /// transitions 2205]
+    /// How many queries; those that are skipped count [default: the paper's 500, where several things must not
+    /// happen 1000; of single transitions 2205]
     #[arg(long, value_parser = count(1..=1_000_000))]
     queries: Option<usize>,
     /// How many answers are taken back and given again, evenly spread
@@ -48,7 +49,7 @@ pub(crate) struct Options {
     /// Who answers, as the session says it
     #[arg(long, value_parser = name, default_value = "simulated")]
     annotator: String,
-    /// How many dreams are played [default: the paper's 10, with obstacles 60]
+    /// How many dreams are played [default: the paper's 10, where several things must not happen 60]
     #[arg(long, value_parser = count(1..=10_000))]
     dreams: Option<usize>,
     /// Steps of a dream, at least those of a clip
@@ -94,13 +95,15 @@ struct Knobs {
     /// Share of preferences that are turned round
     #[arg(long, value_parser = number(0.0..=1.0))]
     eps_mistake: Option<f64>,
-    /// What a step at the edge of the road costs, in tiles
+    /// What a step at the edge of what is safe costs, in the unit of progress, where that edge can be seen: by built-in cars
     #[arg(long, value_parser = number32(0.0..=1e6))]
     care: Option<f32>,
-    /// Doubt above which a query is skipped
+    /// How much a clip may jump before it is skipped: a built-in car in units; else pixels, as a multiple of what 99 of 100
+    /// recorded steps change
     #[arg(long, value_parser = number32(0.0..=1e6))]
     eps_skip: Option<f32>,
-    /// Difference below which clips are equal
+    /// Difference below which clips are equal: in tiles for the built-in cars; else in deviations of what clips bring in the
+    /// world's reward, or without one in progress events
     #[arg(long, value_parser = number32(0.0..=1e6))]
     eps_equal: Option<f32>,
     /// Share of safety judgements that are turned round
@@ -157,23 +160,20 @@ fn check(options: &Options, protocols: &[Protocol], n_queries: usize, n_dreams: 
 
 /// What is simulated, as far as that can be said before anything is read, and how verdicts are learned.
 fn settings(options: &Options) -> anyhow::Result<(SimulateConfig, SparseConfig)> {
-    let env = options.env;
+    let env = &options.env;
     let protocols = match &options.protocol[..] {
-        [] => vec![Protocol::of_env(env.name())],
+        [] => vec![Protocol::of(&env.spec)],
         asked => asked.iter().copied().map(Protocol::from).collect(),
     };
-    let papers = match env {
-        EnvName::CarRacing => SimulateConfig::car_racing(protocols[0], options.seed),
-        _ => SimulateConfig::obstacle_car_racing(protocols[0], options.seed),
-    };
+    let papers = SimulateConfig::of(&env.spec, protocols[0], options.seed);
     let usual = if protocols[0].is_sparse() { sparse::N_QUERIES } else { papers.n_queries };
     let (n_queries, n_dreams) = (options.queries.unwrap_or(usual), options.dreams.unwrap_or(papers.n_dreams));
     check(options, &protocols, n_queries, n_dreams)?;
     let justifications = match &options.weights[..] {
-        [] => Weights::of_env(env.name()).justifications,
+        [] => Weights::of(&env.spec).justifications,
         given => Justifications::new(given.iter().cloned())?,
     };
-    let planner = options.run_file.over("planner", &env.planner(), PlannerConfig::check)?;
+    let planner = options.run_file.over("planner", &papers.planner, PlannerConfig::check)?;
     let reward = options.run_file.over("reward", &papers.reward, RewardConfig::check)?;
     let reward = RewardConfig { members: options.members.unwrap_or(reward.members), ..reward };
     let verdicts = options.run_file.over("sparse", &sparse_config(protocols[0]), SparseConfig::check)?;
@@ -218,21 +218,23 @@ fn to_toml(all: Settings, config: &SimulateConfig, verdicts: &SparseConfig) -> S
 }
 
 pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
-    let env = options.env;
-    let (config, learning) = settings(options)?;
+    let env = &options.env;
+    let (mut config, learning) = settings(options)?;
     if let Some(all) = options.run_file.to_print() {
         print!("{}", to_toml(all, &config, &learning));
         return Ok(());
     }
-    let world = options.world.clone().unwrap_or_else(|| models::world_model_asset(env));
+    let world = options.world.clone().unwrap_or_else(|| env.world_model());
     let model = models::world_model(&world)?;
     models::require(&model, env)?;
+    config.planner = config.planner.for_model(&model);
     let probe = models::probe(options.probe.as_deref(), env)?;
     probe.require(&model)?;
-    let mut header = Header::new(env.name(), config.protocols[0], options.seed, &model.hash(), now());
+    let mut header = Header::of(&env.spec, config.protocols[0], options.seed, &model.hash(), now());
     header.config.weights.justifications = config.justifications.clone();
     header.config.annotator.clone_from(&options.annotator);
     header.world_model_path = relative(&options.out, &world);
+    header.world_file = env.file.as_ref().map(|file| file.display().to_string());
     anyhow::ensure!(
         !model.starts().is_empty(),
         "the world model {world:?} has no states to start dreams from"

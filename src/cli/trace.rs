@@ -3,18 +3,19 @@
 use std::path::PathBuf;
 
 use anyhow::Context as _;
-use dropj::env::trace::{Row, Traced, trace};
-use dropj::env::{CarRacing, ObstacleCarRacing, Obstacles, Seed};
 use dropj::run::{Kind, OutputFile};
+use dropj::world::NAMES;
+use dropj::world::cars::trace::{Row, Traced, trace};
+use dropj::world::cars::{Aids, CarRacing, ObstacleCarRacing, Obstacles, Seed};
 
-use super::choices::{EnvName, Switch};
+use super::choices::Switch;
 use super::picture::png;
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct Options {
     /// The world to drive in
-    #[arg(long, value_enum, default_value = "car-racing")]
-    env: EnvName,
+    #[arg(long, value_parser = NAMES, default_value = "car-racing")]
+    env: String,
     /// What `env.seed` of gym 0.20 was given
     #[arg(long)]
     gym_seed: u64,
@@ -38,15 +39,13 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
     let actions = parse(&dropj::text::decoded(&bytes))
         .with_context(|| format!("in the actions {:?}", options.actions))?;
     let seed = Seed::Gym { env: options.gym_seed, python: options.python_seed };
-    let aids = options.aids.aids();
-    let mut env: Box<dyn Traced> = match options.env {
-        EnvName::CarRacing => Box::new(CarRacing::new(seed)),
-        EnvName::ObstacleCarRacing => {
-            Box::new(ObstacleCarRacing::new(seed, Obstacles::ChuckholesAndCars, aids))
-        }
-        EnvName::ObstacleCarRacingChuckholes => {
+    let aids = if options.aids.is_on() { Aids::ALL } else { Aids::NONE };
+    let mut env: Box<dyn Traced> = match options.env.as_str() {
+        "obstacle-car-racing" => Box::new(ObstacleCarRacing::new(seed, Obstacles::ChuckholesAndCars, aids)),
+        "obstacle-car-racing-chuckholes" => {
             Box::new(ObstacleCarRacing::new(seed, Obstacles::Chuckholes, aids))
         }
+        _ => Box::new(CarRacing::new(seed)),
     };
     // The state before the first action is drawn, too.
     let names = (0..=actions.len()).map(|step| format!("step{step:04}.png"));

@@ -1,10 +1,13 @@
 //! `dropj` without a subcommand: the window.
 
 use std::path::{Path, PathBuf};
+use std::process::Command;
 use std::sync::Arc;
 use std::time::SystemTime;
 
+use anyhow::Context as _;
 use dropj::app::{FirstWorld, Startup};
+use dropj::planner::PlannerConfig;
 use dropj::planner::synthesis::SynthesisConfig;
 use dropj::reward::RewardConfig;
 use dropj::session::SessionStore;
@@ -14,15 +17,15 @@ use dropj::ui::{self, WindowStartup, system_pads};
 use dropj::worker::{Cause, DreamStart, LoadedWorld, Threads, WorkerConfig, Workers};
 use dropj::world_model::fit::FitConfig;
 
-use super::choices::EnvName;
+use super::chosen_world::{ChosenWorld, chosen_world};
 use super::words::in_words;
 use super::{models, settings};
 
 #[derive(Debug, Default, clap::Args)]
 pub(crate) struct Options {
-    /// The world; without it the session's, or car-racing
-    #[arg(long, value_enum)]
-    env: Option<EnvName>,
+    /// The world, by its name or its file; without it the session's, or car-racing
+    #[arg(long, value_name = "NAME|FILE", value_parser = chosen_world)]
+    env: Option<ChosenWorld>,
     /// The folder of a session to go on with
     #[arg(long)]
     session: Option<PathBuf>,
@@ -43,28 +46,35 @@ pub(crate) fn run(options: Options) -> anyhow::Result<()> {
     let session = options.session.as_deref().map(|dir| SessionStore::open(dir, None)).transpose()?;
     let env = match (options.env, &session) {
         (Some(env), _) => env,
-        (None, Some(session)) => EnvName::named(&session.header().env)?,
-        (None, None) => EnvName::CarRacing,
+        (None, Some(session)) => {
+            let path = options.world.clone().or_else(|| session.world_model_path());
+            let model = path.as_deref().map(models::world_model).transpose()?;
+            ChosenWorld::of_session(session.header(), model.as_ref())?
+        }
+        (None, None) => ChosenWorld::usual(),
     };
     let own = session.as_ref().and_then(SessionStore::world_model_path);
-    let world = options.world.or(own).unwrap_or_else(|| models::world_model_asset(env));
-    let shipped = models::world_model_asset(env);
+    let world = options.world.or(own).unwrap_or_else(|| env.world_model());
+    let shipped = env.world_model();
+    let here = env.clone();
     let load = move |path: &Path| {
-        load(path, path == shipped, env).map_err(|error| -> Cause { Arc::new(LoadError(in_words(&error))) })
+        load(path, path == shipped && here.is_built_in(), &here)
+            .map_err(|error| -> Cause { Arc::new(LoadError(in_words(&error))) })
     };
     let config = WorkerConfig {
-        env: Box::new(move |aids| env.open(aids)),
-        env_name: env.name().to_owned(),
-        world: env.world(),
+        open: env.opener(),
+        spec: Arc::clone(&env.spec),
+        world: env.networks(),
         fit: FitConfig::full(),
         reward: RewardConfig::car_racing(),
-        planner: env.planner(),
+        planner: PlannerConfig::of(&env.spec, None),
         synthesis: SynthesisConfig::paper(),
         load: Arc::new(load),
     };
     let app = Startup {
-        env: env.name().to_owned(),
-        sessions: options.sessions,
+        spec: Arc::clone(&env.spec),
+        spec_file: env.file.clone(),
+        sessions: options.sessions.clone(),
         dataset: options.data.unwrap_or_else(|| Path::new("data").join(env.name())),
         world: FirstWorld::In(world),
         session,
@@ -72,10 +82,29 @@ pub(crate) fn run(options: Options) -> anyhow::Result<()> {
             .duration_since(SystemTime::UNIX_EPOCH)
             .map_or(0, |since| since.as_nanos() as u64),
     };
+    let sessions = options.sessions;
     let workers = Box::new(|wake| -> Box<dyn Workers> { Box::new(Threads::new(config, None, wake)) });
     let startup = WindowStartup { app, workers, input: system_pads() };
     let notices = ui::settings_file().and_then(|path| settings::look_after(&path));
-    Ok(ui::run(startup, notices.into_iter().collect())?)
+    match ui::run(startup, notices.into_iter().collect())? {
+        Some(world) => begin_anew(&world, &sessions),
+        None => Ok(()),
+    }
+}
+
+/// Starts the program for the world in a file. Sessions stay where they are; session, world model and recordings were
+/// those of another world.
+fn begin_anew(world: &Path, sessions: &Path) -> anyhow::Result<()> {
+    let mut program = Command::new(std::env::current_exe()?);
+    program.arg("--env").arg(world).arg("--sessions").arg(sessions);
+    log::info!("begins anew: {program:?}");
+    #[cfg(unix)]
+    {
+        use std::os::unix::process::CommandExt as _;
+        Err(program.exec()).context("the world cannot be opened")
+    }
+    #[cfg(not(unix))]
+    program.spawn().map(drop).context("the world cannot be opened")
 }
 
 /// Why a world model could not be read, in one sentence.
@@ -84,7 +113,7 @@ pub(crate) fn run(options: Options) -> anyhow::Result<()> {
 struct LoadError(String);
 
 /// The world model in `path`, with what a person may want to know of it.
-fn load(path: &Path, is_shipped: bool, env: EnvName) -> anyhow::Result<LoadedWorld> {
+fn load(path: &Path, is_shipped: bool, env: &ChosenWorld) -> anyhow::Result<LoadedWorld> {
     let model = models::world_model(path)?;
     models::require(&model, env)?;
     let name = if is_shipped {
@@ -94,8 +123,8 @@ fn load(path: &Path, is_shipped: bool, env: EnvName) -> anyhow::Result<LoadedWor
     };
     let config = model.config();
     let card = vec![
-        ("Environment".to_owned(), config.env.clone()),
-        ("Pixels a side".to_owned(), config.vae.side.to_string()),
+        ("World".to_owned(), model.spec().title.clone()),
+        ("Pixels".to_owned(), model.spec().image.trained().to_string()),
         ("Latents".to_owned(), config.vae.latent.to_string()),
         ("Memory cells".to_owned(), config.mdn_rnn.memory.to_string()),
     ];

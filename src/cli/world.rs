@@ -8,28 +8,34 @@ use anyhow::Context as _;
 use dropj::run::write_whole;
 use dropj::text::shown;
 use dropj::world::{
-    Axis, CandidateSource, Count, EventKind, EventSpec, FORMAT, Fields, Hello, ImageSpec, JustificationSpec,
-    KeyInput, Launch, PadAxis, PadInput, PlannerSpec, Process, ProcessError, ProcessFault, ProcessWorld,
-    Release, Size, Source, SourceKind, TimeOuts, When, WorldError, WorldSpec, field_value,
+    Axis, CandidateSource, Count, End, EventKind, EventSpec, FORMAT, Fields, Hello, ImageSpec,
+    JustificationSpec, Launch, PlannerSpec, Process, ProcessError, ProcessFault, ProcessWorld, Release, Size,
+    Source, SourceKind, TimeOuts, When, WorldError, WorldSpec, field_value,
 };
 use rand::{RngExt as _, SeedableRng as _};
 use rand_chacha::ChaCha8Rng;
 
+use super::first_world::{Inputs, MOST_TRAINED, file_name, readable};
 use super::numbers::count;
+use super::world_data;
 
 /// The Python package, each file by its path.
-const ADAPTER: [(&str, &str); 7] = [
+const ADAPTER: [(&str, &str); 14] = [
     ("pyproject.toml", include_str!("../../assets/python/pyproject.toml")),
     ("dropj/__init__.py", include_str!("../../assets/python/dropj/__init__.py")),
     ("dropj/_channel.py", include_str!("../../assets/python/dropj/_channel.py")),
     ("dropj/_serving.py", include_str!("../../assets/python/dropj/_serving.py")),
     ("dropj/serve.py", include_str!("../../assets/python/dropj/serve.py")),
     ("dropj/robot.py", include_str!("../../assets/python/dropj/robot.py")),
+    ("dropj/_arrays.py", include_str!("../../assets/python/dropj/_arrays.py")),
+    ("dropj/_axes.py", include_str!("../../assets/python/dropj/_axes.py")),
+    ("dropj/_environments.py", include_str!("../../assets/python/dropj/_environments.py")),
+    ("dropj/_networks.py", include_str!("../../assets/python/dropj/_networks.py")),
+    ("dropj/_reward.py", include_str!("../../assets/python/dropj/_reward.py")),
+    ("dropj/_session.py", include_str!("../../assets/python/dropj/_session.py")),
+    ("dropj/_world_model.py", include_str!("../../assets/python/dropj/_world_model.py")),
     ("dropj/README.md", include_str!("../../assets/python/dropj/README.md")),
 ];
-
-/// Pixels a side beyond which a first file says that networks see less.
-const MOST_TRAINED: u32 = 128;
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct Options {
@@ -41,7 +47,7 @@ pub(crate) struct Options {
 enum Command {
     /// Say what is wrong with a world's file, or what it says
     Check(Check),
-    /// Ask a process what it is, and write a first world's file
+    /// Ask a process what it is, or look at a dataset, and write a first world's file
     New(New),
     /// Write the Python package that serves a Gymnasium environment or a robot
     Adapter(Adapter),
@@ -57,13 +63,25 @@ struct Check {
     /// The seed of the first episode and of the steps
     #[arg(long, default_value_t = 0)]
     seed: u64,
+    /// Say whether this LeRobotDataset, which others made, fits the world
+    #[arg(long, value_name = "DIR", conflicts_with = "run")]
+    data: Option<PathBuf>,
 }
 
 #[derive(Debug, clap::Args)]
 struct New {
     /// The program that is the world, with its arguments
-    #[arg(long, value_name = "CMD")]
-    process: String,
+    #[arg(long, value_name = "CMD", required_unless_present = "data")]
+    process: Option<String>,
+    /// A LeRobotDataset that others made: only recordings of the world are there
+    #[arg(long, value_name = "DIR", conflicts_with_all = ["process", "rate", "steps", "start_time_out"])]
+    data: Option<PathBuf>,
+    /// The camera of the dataset that shows the world; more than one stand side by side
+    #[arg(long = "camera", value_name = "NAME", requires = "data")]
+    cameras: Vec<String>,
+    /// The column of the dataset that has what was done, where that is not `action`
+    #[arg(long, value_name = "NAME", requires = "data")]
+    action: Option<String>,
     /// The file to write; without it the file is printed
     #[arg(long)]
     out: Option<PathBuf>,
@@ -96,6 +114,9 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
 fn check(options: &Check) -> anyhow::Result<()> {
     let (spec, folder) = read(&options.file)?;
     print!("{}", summary(&spec));
+    if let Some(dir) = &options.data {
+        return world_data::check_fit(&spec, dir);
+    }
     let Some(n) = options.run else { return Ok(()) };
     anyhow::ensure!(
         spec.source.kind == SourceKind::Process,
@@ -108,16 +129,11 @@ fn check(options: &Check) -> anyhow::Result<()> {
 
 /// The world's file at `path`, or the built-in one of that name, and the folder that it is in.
 fn read(path: &Path) -> anyhow::Result<(WorldSpec, PathBuf)> {
-    /// Bytes of a world's file.
-    const MOST: u64 = 1 << 20;
     let built_in = path.to_str().and_then(WorldSpec::built_in);
     if let Some(spec) = built_in.filter(|_| !path.exists()) {
         return Ok((spec, PathBuf::new()));
     }
-    let len = fs::metadata(path).with_context(|| format!("cannot read the world: {path:?}"))?.len();
-    anyhow::ensure!(len <= MOST, "a world's file has {MOST} bytes at the most, and this has {len}: {path:?}");
-    let bytes = fs::read(path).with_context(|| format!("cannot read the world: {path:?}"))?;
-    let spec = WorldSpec::from_toml(&dropj::text::decoded(&bytes), path)?;
+    let spec = super::chosen_world::read_world(path)?;
     Ok((spec, path.parent().unwrap_or(Path::new("")).to_owned()))
 }
 
@@ -198,9 +214,9 @@ fn drive(spec: WorldSpec, folder: &Path, n: usize, seed: u64) -> Result<(), Worl
             counts[1] += usize::from(event.passed);
         }
         rewards.extend(step.reward);
-        n_ends[0] += usize::from(step.terminated);
-        n_ends[1] += usize::from(step.truncated);
-        if step.is_last() && taken < n {
+        n_ends[0] += usize::from(step.end == Some(End::Terminated));
+        n_ends[1] += usize::from(step.end == Some(End::Truncated));
+        if step.end.is_some() && taken < n {
             episode_seed += 1;
             world.reset_told(episode_seed)?;
         }
@@ -229,7 +245,27 @@ fn new(options: &New) -> anyhow::Result<()> {
     if let Some(out) = &options.out {
         anyhow::ensure!(!out.exists(), "there is a file of that name already; choose another: {out:?}");
     }
-    let command = parts(&options.process).with_context(|| format!("--process {:?}", options.process))?;
+    let (file, next) = match (&options.data, &options.process) {
+        (Some(dir), _) => {
+            let (_, file) = world_data::first_file(dir, &options.cameras, options.action.as_deref())?;
+            (file, format!("--data {dir:?}"))
+        }
+        (None, Some(process)) => (file_of_process(options, process)?, "--run 50".to_owned()),
+        (None, None) => unreachable!("one of both is required"),
+    };
+    match &options.out {
+        None => print!("{file}"),
+        Some(out) => {
+            write_whole(out, file.as_bytes())?;
+            eprintln!("written: {out:?}; read through it, and then: dropj world check {out:?} {next}");
+        }
+    }
+    Ok(())
+}
+
+/// A first file for the process that `command` starts.
+fn file_of_process(options: &New, command: &str) -> anyhow::Result<String> {
+    let command = parts(command).with_context(|| format!("--process {command:?}"))?;
     let time_outs = TimeOuts { start: options.start_time_out, ..TimeOuts::default() };
     let launch = Launch { command: command.clone(), folder: None, environment: vec![], time_outs };
     let (hello, fields) = ask(&launch, options.steps).map_err(told)?;
@@ -239,15 +275,7 @@ fn new(options: &New) -> anyhow::Result<()> {
     })?;
     let spec = first_spec(&hello, source, rate);
     spec.check().context("no world's file can be written for this process")?;
-    let file = spec.to_toml() + &hints(&hello, &fields, options.rate.is_none() && hello.hertz.is_none());
-    match &options.out {
-        None => print!("{file}"),
-        Some(out) => {
-            write_whole(out, file.as_bytes())?;
-            eprintln!("written: {out:?}; read through it, and then: dropj world check {out:?} --run 50");
-        }
-    }
-    Ok(())
+    Ok(spec.to_toml() + &hints(&hello, &fields, options.rate.is_none() && hello.hertz.is_none()))
 }
 
 /// What was seen of a field: its values in the order of the steps.
@@ -332,18 +360,11 @@ fn first_spec(hello: &Hello, source: Source, rate: f64) -> WorldSpec {
         events: vec![event.name.clone()],
         weight: 1.0,
     });
-    let id: String = hello
-        .name
-        .chars()
-        .map(|c| if c.is_ascii_alphanumeric() || ".-_".contains(c) { c } else { '-' })
-        .skip_while(|c| !c.is_ascii_alphanumeric())
-        .take(60)
-        .collect();
     // The paper looks 0.3 to 0.5 s ahead at 50 Hz.
     let horizon = (rate / 2.0).round().clamp(10.0, 50.0) as usize;
     WorldSpec {
         format: FORMAT,
-        name: if id.is_empty() { "world".to_owned() } else { id },
+        name: file_name(&hello.name),
         title: readable(&hello.name).unwrap_or_else(|| "A world".to_owned()),
         rate,
         longest_episode: hello.longest_episode.filter(|&n| n > 0).unwrap_or(1000),
@@ -361,59 +382,6 @@ fn first_spec(hello: &Hello, source: Source, rate: f64) -> WorldSpec {
         planner: PlannerSpec { horizon, memory_reset: Some(50), ..PlannerSpec::default() },
         networks: dropj::world::NetworkOverrides::default(),
         fitting: dropj::world::FittingOverrides::default(),
-    }
-}
-
-/// `text` in one line that a file can have as a name.
-fn readable(text: &str) -> Option<String> {
-    let line: String = text.trim().chars().filter(|c| !c.is_control()).take(60).collect();
-    let line = line.trim().to_owned();
-    (!line.is_empty() && shown(&line) == line).then_some(line)
-}
-
-/// What is free for the axes to come: keys and sticks in pairs, and single ones for axes with a neutral end.
-struct Inputs {
-    pairs: Vec<[(&'static str, PadAxis); 2]>,
-    singles: Vec<(&'static str, Option<PadAxis>)>,
-}
-
-impl Inputs {
-    fn new() -> Self {
-        let pairs = vec![
-            [("Left", PadAxis::LeftStickLeft), ("Right", PadAxis::LeftStickRight)],
-            [("Down", PadAxis::LeftStickDown), ("Up", PadAxis::LeftStickUp)],
-            [("A", PadAxis::RightStickLeft), ("D", PadAxis::RightStickRight)],
-            [("S", PadAxis::RightStickDown), ("W", PadAxis::RightStickUp)],
-        ];
-        let singles = vec![
-            ("Up", Some(PadAxis::RightTrigger)),
-            ("Down", Some(PadAxis::LeftTrigger)),
-            ("W", None),
-            ("S", None),
-            ("E", None),
-            ("Q", None),
-        ];
-        Self { pairs, singles }
-    }
-
-    /// What moves the next axis. Nothing where all is taken.
-    fn take(&mut self, low: f32, high: f32, neutral: f32) -> (Vec<KeyInput>, Vec<PadInput>) {
-        let ends: Vec<f32> = [low, high].into_iter().filter(|to| *to != neutral).collect();
-        let taken: Vec<(&str, Option<PadAxis>)> = if ends.len() == 2 {
-            let pair = if self.pairs.is_empty() { None } else { Some(self.pairs.remove(0)) };
-            pair.iter().flatten().map(|(key, axis)| (*key, Some(*axis))).collect()
-        } else if self.singles.is_empty() {
-            vec![]
-        } else {
-            vec![self.singles.remove(0)]
-        };
-        let is_taken = |key: &str| taken.iter().any(|(other, _)| *other == key);
-        self.pairs.retain(|pair| !pair.iter().any(|(key, _)| is_taken(key)));
-        self.singles.retain(|(key, _)| !is_taken(key));
-        let keys = taken.iter().zip(&ends).map(|((key, _), &to)| KeyInput { key: (*key).to_owned(), to });
-        let pad =
-            taken.iter().zip(&ends).filter_map(|((_, axis), &to)| Some(PadInput { axis: (*axis)?, to }));
-        (keys.collect(), pad.collect())
     }
 }
 
@@ -501,12 +469,7 @@ fn told(error: WorldError) -> anyhow::Error {
 
 #[cfg(test)]
 mod tests {
-    use super::super::choices::EnvName;
     use super::*;
-    use clap::ValueEnum as _;
-    use dropj::planner::{N_CANDIDATES, candidates};
-    use dropj::query::Weights;
-    use dropj::world::BuiltIn;
 
     #[test]
     fn a_command_is_split_as_a_shell_does() {
@@ -514,49 +477,5 @@ mod tests {
         assert_eq!(split(r#"a  'b c' "d \"e" f\ g """#).unwrap(), ["a", "b c", "d \"e", "f g", ""]);
         assert!(split("a 'b").unwrap_err().contains("quote"));
         assert!(split("  ").unwrap_err().contains("program"));
-    }
-
-    #[test]
-    fn axes_get_keys_of_their_own() {
-        let mut inputs = Inputs::new();
-        let mut keys = |low, high| {
-            let (keys, pad) = inputs.take(low, high, 0.0);
-            (
-                keys.iter().map(|input| format!("{} {}", input.key, input.to)).collect::<Vec<_>>().join(", "),
-                pad.len(),
-            )
-        };
-        assert_eq!(keys(-1.0, 1.0), ("Left -1, Right 1".to_owned(), 2));
-        assert_eq!(keys(0.0, 1.0), ("Up 1".to_owned(), 1));
-        assert_eq!(keys(0.0, 2.0), ("Down 2".to_owned(), 1));
-        assert_eq!(keys(-3.0, 1.0), ("A -3, D 1".to_owned(), 2));
-        assert_eq!(keys(-3.0, 1.0), ("S -3, W 1".to_owned(), 2));
-        assert_eq!(keys(-3.0, 1.0), (String::new(), 0));
-    }
-
-    #[test]
-    fn the_files_of_built_in_worlds_plan_and_weigh_as_the_code_does() {
-        let names: Vec<_> = EnvName::value_variants().iter().map(|env| env.name()).collect();
-        assert_eq!(names, BuiltIn::all().map(BuiltIn::name).collect::<Vec<_>>());
-        for (env, world) in EnvName::value_variants().iter().zip(BuiltIn::all()) {
-            let (spec, planner, weights) = (world.spec(), env.planner(), Weights::of_env(env.name()));
-            assert_eq!((spec.planner.horizon, spec.planner.replan), (planner.horizon, planner.replan));
-            assert_eq!(spec.planner.temperature, planner.temperature);
-            assert_eq!(spec.planner.memory_reset, planner.memory_reset);
-            let named = spec.justifications.iter().map(|each| (each.name.as_str(), each.weight));
-            let named: Vec<_> = named.chain([("default", spec.weights.default)]).collect();
-            let in_code: Vec<_> =
-                weights.justifications.iter().map(|(_, name, weight)| (name, weight)).collect();
-            assert_eq!((named, spec.weights.safety), (in_code, weights.safety), "{}", env.name());
-            assert_eq!(spec.weights.default, weights.default);
-
-            let given = &spec.planner.candidates;
-            let made = candidates(&planner, &mut ChaCha8Rng::seed_from_u64(0));
-            assert_eq!(given.constant.len() + given.stages.len(), N_CANDIDATES);
-            let stages = given.stages.iter().map(|stage| &stage.action);
-            for (action, course) in given.constant.iter().chain(stages).zip(&made) {
-                assert_eq!(action.as_slice(), course[0].to_array());
-            }
-        }
     }
 }

@@ -6,6 +6,8 @@ use std::path::PathBuf;
 use image::{ColorType, ImageError};
 use parquet::errors::ParquetError;
 
+use crate::world::Size;
+
 /// Why an episode file is damaged.
 #[derive(Debug, thiserror::Error)]
 pub enum Damage {
@@ -32,7 +34,7 @@ pub enum Damage {
     Frame(FrameError),
     /// One frame is larger than another.
     #[error("its frames are of different sizes")]
-    Sides,
+    Sizes,
     /// The frame after the last action cannot be read.
     #[error("its last frame is not hexadecimal")]
     LastFrame,
@@ -42,7 +44,7 @@ pub enum Damage {
         /// How many steps it has.
         n_steps: usize,
         /// How long the columns are.
-        lens: [usize; 5],
+        lens: Vec<usize>,
     },
     /// A number is infinite or none.
     #[error("a number in it is not finite")]
@@ -111,16 +113,16 @@ pub enum FrameError {
     /// They do not begin as a PNG file does.
     #[error("a frame is no PNG")]
     NotPng,
-    /// Its width is not its height, or beyond all limits.
-    #[error("a frame is not square, or too large")]
-    NotSquare,
+    /// Its height or width is beyond all limits.
+    #[error("a frame of {} pixels is empty or too large", shown(*.0))]
+    Limits(Size),
     /// It is of another size.
-    #[error("a frame has {found} pixels a side, not {wanted}")]
-    Side {
-        /// Its pixels a side.
-        found: u32,
-        /// Those of the episode.
-        wanted: u32,
+    #[error("a frame has {} pixels, not {}", shown(*.found), shown(*.wanted))]
+    Size {
+        /// Its size.
+        found: Size,
+        /// That of the episode.
+        wanted: Size,
     },
     /// It has other colors.
     #[error("a frame of {0:?} is not RGB")]
@@ -141,9 +143,47 @@ pub enum OutOfLimits {
         /// How long it is.
         n_bytes: usize,
     },
-    /// A car has too many sensors, or one has no name.
-    #[error("it names {0} sensors, or one that is no name")]
-    Sensors(usize),
+    /// It has too many of something, or too few.
+    #[error("it names {found} {what}, and must name {least} to {most}")]
+    Listed {
+        /// Of what: axes, events or sensors.
+        what: &'static str,
+        /// How many it has.
+        found: usize,
+        /// How many it has at least.
+        least: usize,
+        /// How many at most.
+        most: usize,
+    },
+    /// A name is empty, too long, or holds signs that no name has.
+    #[error("one of its {what} is called {name}, which is no name")]
+    Called {
+        /// Of what: axes, events or sensors.
+        what: &'static str,
+        /// The name, as it is shown.
+        name: String,
+    },
+    /// Two events would be one column.
+    #[error("its events {one:?} and {other:?} would both be the column {column}")]
+    SameColumn {
+        /// The one.
+        one: String,
+        /// The other.
+        other: String,
+        /// The column.
+        column: String,
+    },
+    /// An event would be a column that is there for something else.
+    #[error("its event {event:?} would be the column {column}, which tells something else")]
+    Taken {
+        /// The event.
+        event: String,
+        /// The column.
+        column: String,
+    },
+    /// Its steps follow each other too fast, or never.
+    #[error("it says it has {0} steps a second")]
+    Rate(String),
     /// It has too many steps, none, or not as many as rows.
     #[error("it says it has {n_steps} steps, and has {n_rows} rows")]
     Steps {
@@ -153,15 +193,15 @@ pub enum OutOfLimits {
         n_rows: i64,
     },
     /// Its frames are too large, or empty.
-    #[error("it says its frames have {0} pixels a side")]
-    Side(u32),
+    #[error("it says its frames have {} pixels", shown(*.0))]
+    Size(Size),
     /// All of its frames together are too large.
-    #[error("{n_steps} frames of {side} pixels a side are too much for an episode")]
+    #[error("{n_steps} frames of {} pixels are too much for an episode", shown(*.size))]
     Frames {
         /// How many steps it has.
         n_steps: usize,
-        /// Pixels a side of its frames.
-        side: u32,
+        /// The size of its frames.
+        size: Size,
     },
     /// Its recording has no name that a file can have.
     #[error("it says it was recorded as {0:?}")]
@@ -177,11 +217,11 @@ pub enum OutOfLimits {
         n_steps: usize,
     },
     /// It ended, and did not.
-    #[error("it says it ended by its time limit, and that it did not end")]
+    #[error("it says it was ended from outside, and that it did not end")]
     End,
     /// The statistics of a column are missing.
     #[error("its footer lacks the statistics of {0:?}")]
-    NoStatistics(&'static str),
+    NoStatistics(String),
     /// There are statistics of something else.
     #[error("its footer has statistics of {0:?}, which is no column")]
     OtherStatistics(String),
@@ -252,10 +292,26 @@ pub enum Unfit {
     /// A number is infinite or none.
     #[error("action and reward {numbers:?} or state {state:?} are not finite")]
     NotFinite {
-        /// Steer, gas, brake and the reward.
-        numbers: [f32; 4],
-        /// What the car measured.
+        /// Those of the action, and the reward.
+        numbers: Vec<f32>,
+        /// What was measured.
         state: Vec<f32>,
+    },
+    /// The action has not a number for each axis.
+    #[error("an action of {found} numbers for {wanted} axes")]
+    Action {
+        /// How many numbers it has.
+        found: usize,
+        /// How many axes there are.
+        wanted: usize,
+    },
+    /// It is not told of each event whether it goes on.
+    #[error("{found} of {wanted} events are told")]
+    Events {
+        /// Of how many it is told.
+        found: usize,
+        /// How many there are.
+        wanted: usize,
     },
     /// There are more or fewer measurements than sensors.
     #[error("{found} measurements of {wanted} sensors")]
@@ -269,6 +325,11 @@ pub enum Unfit {
     #[error("an episode has at most {0} steps")]
     Steps(usize),
     /// A frame is larger than can be, or empty.
-    #[error("a frame of {0} pixels a side is too large")]
-    Side(u32),
+    #[error("a frame of {} pixels is empty or too large", shown(*.0))]
+    Size(Size),
+}
+
+/// A size as messages tell it.
+pub(super) fn shown(size: Size) -> String {
+    format!("{} x {}", size.height, size.width)
 }

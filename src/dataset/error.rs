@@ -3,9 +3,11 @@
 use std::io;
 use std::path::{Path, PathBuf};
 
-use super::damage::{Damage, Stranger, Unfit, Useless};
+use super::damage::{Damage, Stranger, Unfit, Useless, shown};
+use super::lerobot::LeRobotFault;
 use crate::run::AppendError;
 use crate::run::place::Told;
+use crate::world::Size;
 
 /// Why a dataset could not be read or written.
 ///
@@ -39,12 +41,28 @@ pub enum DatasetError {
     },
     /// The folder is somebody else's.
     #[error(
-        "this folder holds no recordings of dropj's, which reads and writes only its own ({reason}); \
-         choose another folder, or a new one to record into: {path:?}"
+        "this folder holds no recordings of dropj's, and nothing is written to it ({reason}); choose another folder, or a \
+         new one to record into; to learn from what others recorded, name its world, whose file `dropj world new --data` \
+         writes: {path:?}"
     )]
     Foreign {
         /// Whose it is, or what it holds.
         reason: String,
+        /// The folder.
+        path: PathBuf,
+    },
+    /// Recordings of others are not of the world that they were taken for.
+    #[error(
+        "an action of these recordings has {found}, and the world {world:?} has {wanted} axes: name the world that was \
+         recorded, or write its file with `dropj world new --data`: {path:?}"
+    )]
+    OtherWorld {
+        /// How many numbers an action has.
+        found: String,
+        /// How many axes there are.
+        wanted: String,
+        /// The world's name.
+        world: String,
         /// The folder.
         path: PathBuf,
     },
@@ -97,10 +115,10 @@ pub enum DatasetError {
         /// The file.
         path: PathBuf,
     },
-    /// The dataset belongs to another environment.
+    /// The dataset belongs to another world.
     #[error("episodes of {tried:?} cannot join a dataset of {met:?}, at {path:?}")]
     OtherEnv {
-        /// The environment asked for.
+        /// The world asked for.
         tried: String,
         /// The dataset's own.
         met: String,
@@ -108,12 +126,12 @@ pub enum DatasetError {
         path: PathBuf,
     },
     /// A frame is of another size than the frames before it.
-    #[error("a frame of {tried} pixels a side cannot join frames of {met}, at {path:?}")]
-    OtherSide {
-        /// Pixels a side of the new frame.
-        tried: u32,
-        /// Pixels a side of those before it.
-        met: u32,
+    #[error("a frame of {} pixels cannot join frames of {}, at {path:?}", shown(*.tried), shown(*.met))]
+    OtherSize {
+        /// That of the new frame.
+        tried: Size,
+        /// That of those before it.
+        met: Size,
         /// The dataset or journal.
         path: PathBuf,
     },
@@ -121,6 +139,16 @@ pub enum DatasetError {
     #[error("an episode with the columns {tried} cannot join episodes with the columns {met}, at {path:?}")]
     OtherColumns {
         /// Its columns.
+        tried: String,
+        /// Those of the episodes before it.
+        met: String,
+        /// The dataset.
+        path: PathBuf,
+    },
+    /// An episode is acted in otherwise than those before it.
+    #[error("an episode {tried} cannot join episodes {met}, at {path:?}")]
+    OtherLayout {
+        /// Its axes or its rate.
         tried: String,
         /// Those of the episodes before it.
         met: String,
@@ -163,6 +191,14 @@ pub enum DatasetError {
     #[error("this episode cannot be brought back: only the one that was deleted last can, at {path:?}")]
     NothingDeleted {
         /// The dataset.
+        path: PathBuf,
+    },
+    /// A dataset that others made cannot be read.
+    #[error("{fault}: {path:?}")]
+    LeRobot {
+        /// Why.
+        fault: Box<LeRobotFault>,
+        /// The file or folder.
         path: PathBuf,
     },
     /// Sealing failed. Nothing is lost.

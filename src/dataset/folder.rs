@@ -7,28 +7,31 @@ use std::path::{Path, PathBuf};
 use sha2::{Digest as _, Sha256};
 
 use super::damage::Useless;
+use super::foreign::Foreign;
 use super::found::Found;
 use super::hex::to_hex;
 use super::journal::{self, Recording, Take};
 use super::notes::Notes;
 use super::sealed::{self, Place};
-use super::{DatasetError, Episode, EpisodeInfo, Unfinished, disk, meta, ownership};
-use crate::env::{End, Frame};
+use super::{DatasetError, Episode, EpisodeInfo, Layout, Unfinished, disk, meta, ownership};
+use crate::world::{End, Frame, Size};
 
-/// A folder of episodes in one environment.
+/// A folder of episodes in one world.
 pub struct Dataset {
     pub(super) dir: PathBuf,
     /// In their order, which their files' names decide.
     pub(super) episodes: Vec<Notes>,
     pub(super) damaged: Vec<DatasetError>,
     unfinished: Vec<Unfinished>,
-    env: Option<String>,
+    pub(super) env: Option<String>,
+    /// What others recorded, in place of episodes of ours.
+    pub(super) foreign: Option<Foreign>,
     /// Held, and locked, while the dataset is open for recording.
     pub(super) lock: Option<File>,
 }
 
 impl Dataset {
-    /// Opens a dataset for recording in the environment `env`. Makes it where there is none.
+    /// Opens a dataset for recording in the world `env`. Makes it where there is none.
     ///
     /// A folder that is neither ours nor empty is refused before anything in it is touched.
     ///
@@ -116,10 +119,10 @@ impl Dataset {
         Ok(dataset)
     }
 
-    fn of(dir: &Path, episodes: Vec<Notes>) -> Self {
+    pub(super) fn of(dir: &Path, episodes: Vec<Notes>) -> Self {
         let env = episodes.first().map(|first| first.info.env.clone());
         let (dir, damaged, unfinished) = (dir.to_path_buf(), Vec::new(), Vec::new());
-        Self { dir, episodes, damaged, unfinished, env, lock: None }
+        Self { dir, episodes, damaged, unfinished, env, foreign: None, lock: None }
     }
 
     /// Moves a file out of the dataset, to where it is in nobody's way, and remembers to tell of it.
@@ -136,34 +139,34 @@ impl Dataset {
         &self.dir
     }
 
-    /// The name of the environment that it was recorded in.
+    /// The name of the world that it was recorded in.
     pub fn env(&self) -> Option<&str> {
         self.env.as_deref()
     }
 
     /// How many sealed episodes can be read.
     pub fn n_episodes(&self) -> usize {
-        self.episodes.len()
+        self.foreign.as_ref().map_or(self.episodes.len(), Foreign::n_episodes)
     }
 
     /// How many steps they have together.
     pub fn n_steps(&self) -> usize {
-        self.episodes.iter().map(|notes| notes.n_steps).sum()
+        (0..self.n_episodes()).map(|idx| self.len(idx)).sum()
     }
 
     /// How many steps the episode at `idx` has.
     pub fn len(&self, idx: usize) -> usize {
-        self.episodes[idx].n_steps
+        self.foreign.as_ref().map_or_else(|| self.episodes[idx].n_steps, |foreign| foreign.len(idx))
     }
 
     /// Whether it has no episode.
     pub fn is_empty(&self) -> bool {
-        self.episodes.is_empty()
+        self.n_episodes() == 0
     }
 
     /// Who drove where in the episode at `idx`.
     pub fn info(&self, idx: usize) -> &EpisodeInfo {
-        &self.episodes[idx].info
+        self.foreign.as_ref().map_or_else(|| &self.episodes[idx].info, Foreign::info)
     }
 
     /// The number that the next sealed episode gets.
@@ -173,14 +176,24 @@ impl Dataset {
 
     /// What tells these episodes, in this order, from any others.
     pub fn fingerprint(&self) -> String {
+        if let Some(foreign) = &self.foreign {
+            return foreign.fingerprint();
+        }
         let mut hasher = Sha256::new();
         self.episodes.iter().for_each(|notes| hasher.update(format!("{}\n", notes.recording)));
         to_hex(&hasher.finalize())
     }
 
-    /// Pixels a side of all frames, once there are any.
-    pub fn side(&self) -> Option<u32> {
-        self.episodes.first().map(|first| first.side)
+    /// The size of all frames, once there are any.
+    pub fn size(&self) -> Option<Size> {
+        let foreign = self.foreign.as_ref().map(|foreign| foreign.spec().image.trained());
+        foreign.or_else(|| self.episodes.first().map(Notes::size))
+    }
+
+    /// What the steps of all episodes have, once there are any.
+    pub fn layout(&self) -> Option<Layout> {
+        let foreign = self.foreign.as_ref().map(Foreign::layout);
+        foreign.or_else(|| self.episodes.first().map(Notes::layout))
     }
 
     /// Why some files in the folder are not among the episodes, or not any more.
@@ -190,6 +203,9 @@ impl Dataset {
 
     /// Reads the episode at `idx`, in the order of their numbers.
     pub fn episode(&self, idx: usize) -> Result<Episode, DatasetError> {
+        if let Some(foreign) = &self.foreign {
+            return foreign.episode(idx);
+        }
         let Notes { number, recording, path, .. } = &self.episodes[idx];
         let moved = || DatasetError::Moved { path: self.dir.clone() };
         let (mut notes, take) = sealed::read(path).map_err(|error| match error {
@@ -210,27 +226,34 @@ impl Dataset {
         (0..self.n_episodes()).map(|idx| self.episode(idx))
     }
 
-    /// Begins to record an episode in which the car measures nothing.
+    /// Begins to record an episode whose steps have the default layout.
     pub fn begin(&self, info: EpisodeInfo) -> Result<Recording, DatasetError> {
-        self.begin_with(info, &[])
+        self.begin_with(info, &Layout::default())
     }
 
-    /// Begins to record an episode in which the car measures what `sensors` names.
-    pub fn begin_with(&self, info: EpisodeInfo, sensors: &[&str]) -> Result<Recording, DatasetError> {
+    /// Begins to record an episode whose steps have this layout.
+    ///
+    /// Events and sensors that the dataset does not have are left out once it is sealed.
+    ///
+    /// # Errors
+    /// Where it could not be sealed here: the dataset has other axes, another rate, other sensors, or an event that is
+    /// not among these.
+    pub fn begin_with(&self, info: EpisodeInfo, layout: &Layout) -> Result<Recording, DatasetError> {
         if self.lock.is_none() {
             return Err(DatasetError::ReadOnly { path: self.dir.clone() });
         }
         self.check_env(&info.env)?;
-        let sensors = sensors.iter().map(|&name| name.to_owned()).collect();
-        Recording::begin(&self.dir, info, sensors, self.side())
+        if let Some(first) = self.episodes.first() {
+            sealed::require_fit(layout, first, &self.dir)?;
+        }
+        Recording::begin(&self.dir, info, layout.clone(), self.size())
     }
 
     /// Goes on here with a recording of another dataset, whose place is gone or full: all of its steps are written anew.
     ///
     /// The other journal stays as it is.
     pub fn take_over(&self, other: &Recording) -> Result<Recording, DatasetError> {
-        let sensors: Vec<_> = other.take.state.iter().map(String::as_str).collect();
-        let mut recording = self.begin_with(other.take.info.clone(), &sensors)?;
+        let mut recording = self.begin_with(other.take.info.clone(), &other.take.layout)?;
         match recording.take_over(other) {
             Ok(()) => Ok(recording),
             Err(e) => {
@@ -242,7 +265,7 @@ impl Dataset {
 
     /// Seals a recording and returns its number in the dataset.
     ///
-    /// `last_frame` is what was seen after the last action. `end` is why the environment ended the episode, if it did.
+    /// `last_frame` is what was seen after the last action. `end` is why the world ended the episode, if it did.
     /// Where the episodes before it lack columns that it would have, as those of older versions do, it does without.
     /// Where the disk does not allow it, the episode stays in its journal, among the [`unfinished`](Self::unfinished).
     pub fn seal(

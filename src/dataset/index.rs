@@ -17,6 +17,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use super::damage::{Stranger, Useless};
+use super::layout::column;
 use super::notes::Notes;
 use super::sealed::{self, Place};
 use super::{Dataset, DatasetError, EpisodeInfo, disk, meta};
@@ -40,9 +41,9 @@ pub struct Summary {
     pub n_steps: usize,
     /// How many of them the planner drove.
     pub n_planned: usize,
-    /// The share of its steps on the grass, in `[0, 1]`.
-    pub grass: f64,
-    /// Whether the environment ended it.
+    /// Each event, and the share of its steps after which that goes on, in `[0, 1]`.
+    pub events: Vec<(String, f64)>,
+    /// Whether the world ended it.
     pub done: bool,
     /// When its first action was taken, in seconds since 1970.
     pub began_secs: i64,
@@ -51,6 +52,7 @@ pub struct Summary {
 impl Summary {
     fn of(notes: &Notes) -> Self {
         let stats = |column: &str| notes.stats.get(column);
+        let share = |event: &String| stats(&column(event)).map_or(0.0, |stats| stats.mean[0]);
         let began_ns = stats("wall_time_ns").map_or(0.0, |stats| stats.min[0]);
         Self {
             recording: notes.recording.clone(),
@@ -58,7 +60,7 @@ impl Summary {
             info: notes.info.clone(),
             n_steps: notes.n_steps,
             n_planned: notes.planned.iter().map(|[from, to]| to - from).sum(),
-            grass: stats("next.grass").map_or(0.0, |stats| stats.mean[0]),
+            events: notes.events.iter().map(|event| (event.clone(), share(event))).collect(),
             done: notes.done,
             began_secs: (began_ns / 1e9) as i64,
         }
@@ -68,12 +70,17 @@ impl Summary {
 impl Dataset {
     /// What is known of the episodes, in the order of their numbers.
     pub fn summaries(&self) -> impl Iterator<Item = Summary> + '_ {
-        self.episodes.iter().map(Summary::of)
+        let foreign =
+            self.foreign.iter().flat_map(|foreign| (0..foreign.n_episodes()).map(|idx| foreign.summary(idx)));
+        self.episodes.iter().map(Summary::of).chain(foreign)
     }
 
     /// The place of an episode by what it was recorded as.
     pub fn find(&self, recording: &str) -> Option<usize> {
-        self.episodes.iter().position(|notes| notes.recording == recording)
+        match &self.foreign {
+            Some(foreign) => foreign.find(recording),
+            None => self.episodes.iter().position(|notes| notes.recording == recording),
+        }
     }
 
     /// The episode that was deleted last, if it can be brought back.

@@ -2,18 +2,17 @@
 //!
 //! ```text
 //! journal/00001767225600123456789.journal
-//!   "dropj journal 2\n", then records: length u32, the first 8 bytes of the SHA-256, payload
-//!   payload: 'I' info as JSON · 'S' wall clock i64, action 3 f32, reward f32, touched u8, state f32 each, PNG
+//!   "dropj journal 3\n", then records: length u32, the first 8 bytes of the SHA-256, payload
+//!   payload: 'I' info as JSON
+//!            · 'S' wall clock i64, action f32 each, reward f32, flags u8, events u8 each, state f32 each, PNG
 //!            · 'E' end u8, PNG
 //! ```
 //!
-//! The info names what the state holds. The end is 0 where the driver ended it, 1 where the environment did because
-//! the car had left the field, 2 where its time was up. Journals that begin with "dropj journal 1\n" are read as well:
-//! they have no state, and 1 for either end.
+//! The info names what the action, the events and the state hold. The lowest bit of the flags is whether the planner drove.
+//! An event is 1 where it goes on, and 0 elsewhere. The end is 0 where the driver ended it, 1 where the world did by what
+//! happened in it, 2 where that was from outside. Numbers are little-endian. A torn last record is dropped, with a warning.
 //!
-//! The bits of what was touched, from the lowest: grass, chuckhole, car, whether the world has the latter two; then
-//! whether the planner drove.
-//! Numbers are little-endian. A torn last record is dropped, with a warning.
+//! Journals of older versions are read as well.
 
 use std::fs::{self, File};
 use std::io::Read as _;
@@ -25,14 +24,14 @@ use sha2::{Digest as _, Sha256};
 
 use super::damage::Unfit;
 use super::disk::JOURNAL_EXTENSION;
-use super::{DatasetError, EpisodeInfo, StepRecord, disk, limits, png};
-use crate::env::{Action, Contacts, End, Frame, MAX_STEPS};
+use super::{DatasetError, EpisodeInfo, Layout, StepRecord, disk, legacy, limits, png};
 use crate::run::{Appender, log_saved};
+use crate::world::{Action, End, Frame, Size};
 
 /// What a journal begins with.
-const MAGIC: &[u8] = b"dropj journal 2\n";
-/// What it began with before it knew the car's state and why an episode ended.
-const OLD_MAGIC: &[u8] = b"dropj journal 1\n";
+const MAGIC: &[u8; 16] = b"dropj journal 3\n";
+/// What the journals begin with that can be read.
+const MAGICS: [&[u8; 16]; 3] = [legacy::FIRST_MAGIC, legacy::SECOND_MAGIC, MAGIC];
 /// Length and checksum before each payload.
 const RECORD_HEAD: usize = 12;
 /// A power cut costs at most this much; a killed program nothing.
@@ -44,7 +43,7 @@ const SYNC_EVERY: Duration = Duration::from_secs(1);
 pub struct Recording {
     file: Appender,
     synced: Instant,
-    side: Option<u32>,
+    size: Option<Size>,
     pub(super) take: Take,
 }
 
@@ -55,8 +54,8 @@ pub(super) struct Take {
     pub(super) id: String,
     /// Who drove where.
     pub(super) info: EpisodeInfo,
-    /// The names of what the car measured.
-    pub(super) state: Vec<String>,
+    /// What its steps have.
+    pub(super) layout: Layout,
     /// The steps, in order.
     pub(super) rows: Vec<Row>,
     /// How it ended, where it did.
@@ -69,21 +68,21 @@ pub(super) struct Row {
     pub(super) png: Vec<u8>,
     pub(super) action: Action,
     pub(super) reward: f32,
-    pub(super) grass: bool,
-    pub(super) contacts: Option<Contacts>,
+    /// Which events go on after it.
+    pub(super) events: Vec<bool>,
     pub(super) wall_time_ns: i64,
     /// Whether the planner drove, and not whoever is named as the pilot.
     pub(super) planned: bool,
-    /// What the car measured before the action.
+    /// What was measured before the action.
     pub(super) state: Vec<f32>,
 }
 
-/// The frame after the last action, and whether the environment ended the episode.
+/// The frame after the last action, and whether the world ended the episode.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct TakeEnd {
     pub(super) png: Vec<u8>,
     pub(super) done: bool,
-    /// Whether it did so because the time was up.
+    /// Whether it did so from outside.
     pub(super) truncated: bool,
 }
 
@@ -93,30 +92,37 @@ struct Head {
     app: String,
     #[serde(flatten)]
     info: EpisodeInfo,
-    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    /// Only older versions left it out, for which the names of what was measured were enough.
+    layout: Option<Layout>,
+    #[serde(default, skip_serializing)]
     state: Vec<String>,
 }
 
 impl Recording {
-    /// Begins a journal in the dataset at `dir`, whose frames have `side` pixels a side where that is known.
+    /// Begins a journal in the dataset at `dir`, whose frames have this size where that is known.
     pub(super) fn begin(
         dir: &Path,
         info: EpisodeInfo,
-        state: Vec<String>,
-        side: Option<u32>,
+        layout: Layout,
+        size: Option<Size>,
     ) -> Result<Self, DatasetError> {
-        let odd = limits::check_info(&info).and(limits::check_sensors(&state));
+        let odd = limits::check_info(&info).and(limits::check_layout(&layout));
         odd.map_err(|met| DatasetError::Unfit { reason: Unfit::Limits(met), path: dir.to_path_buf() })?;
         let (id, path) = new_journal(&dir.join("journal"));
-        let head = Head { app: env!("CARGO_PKG_VERSION").into(), info: info.clone(), state: state.clone() };
+        let head = Head {
+            app: env!("CARGO_PKG_VERSION").into(),
+            info: info.clone(),
+            layout: Some(layout.clone()),
+            state: Vec::new(),
+        };
         let payload = [b"I".as_slice(), &serde_json::to_vec(&head).expect("text and numbers")].concat();
-        let begun = [MAGIC, &record(&payload)].concat();
+        let begun = [MAGIC.as_slice(), &record(&payload)].concat();
         disk::replace(&path, &begun)?;
         Ok(Self {
             file: Appender::open(&path).map_err(DatasetError::disk("begin the journal", &path))?,
             synced: Instant::now(),
-            side,
-            take: Take { id, info, state, rows: Vec::new(), end: None },
+            size,
+            take: Take { id, info, layout, rows: Vec::new(), end: None },
         })
     }
 
@@ -129,31 +135,39 @@ impl Recording {
 
     /// The same, where `planned` says whether the planner drove.
     pub fn push_by(&mut self, step: &StepRecord, planned: bool) -> Result<(), DatasetError> {
-        let numbers = [step.action.steer, step.action.gas, step.action.brake, step.reward];
+        let layout = &self.take.layout;
         let unfit = |reason| DatasetError::Unfit { reason, path: self.path().to_owned() };
-        if !numbers.iter().chain(&step.state).all(|number| number.is_finite()) {
-            return Err(unfit(Unfit::NotFinite { numbers, state: step.state.clone() }));
+        let (found, wanted) = (step.action.len(), layout.axes.len());
+        if found != wanted {
+            return Err(unfit(Unfit::Action { found, wanted }));
         }
-        if step.state.len() != self.take.state.len() {
-            let (found, wanted) = (step.state.len(), self.take.state.len());
+        let (found, wanted) = (step.events.len(), layout.events.len());
+        if found != wanted {
+            return Err(unfit(Unfit::Events { found, wanted }));
+        }
+        let (found, wanted) = (step.state.len(), layout.sensors.len());
+        if found != wanted {
             return Err(unfit(Unfit::Measurements { found, wanted }));
+        }
+        if ![step.action.as_ref(), &[step.reward], &step.state].concat().iter().all(|it| it.is_finite()) {
+            let numbers = [step.action.as_ref(), &[step.reward]].concat();
+            return Err(unfit(Unfit::NotFinite { numbers, state: step.state.clone() }));
         }
         if self.n_steps() >= limits::STEPS {
             return Err(unfit(Unfit::Steps(limits::STEPS)));
         }
-        self.check_side(&step.frame)?;
+        self.check_size(&step.frame)?;
         let row = Row {
             png: png::encode(&step.frame),
             action: step.action,
             reward: step.reward,
-            grass: step.grass,
-            contacts: step.contacts,
+            events: step.events.clone(),
             wall_time_ns: step.wall_time_ns,
             planned,
             state: step.state.clone(),
         };
         self.append(&record(&row.to_payload()))?;
-        self.side = Some(step.frame.side());
+        self.size = Some(step.frame.size());
         self.take.rows.push(row);
         log_saved("step", self.take.rows.len() as u64, self.path());
         Ok(())
@@ -182,26 +196,26 @@ impl Recording {
 
     /// Writes all steps of `other` down here, where nothing was driven yet.
     pub(super) fn take_over(&mut self, other: &Self) -> Result<(), DatasetError> {
-        if let (Some(tried), Some(met)) = (other.side, self.side)
+        if let (Some(tried), Some(met)) = (other.size, self.size)
             && tried != met
         {
-            return Err(DatasetError::OtherSide { tried, met, path: self.path().to_owned() });
+            return Err(DatasetError::OtherSize { tried, met, path: self.path().to_owned() });
         }
         let records = other.take.rows.iter().flat_map(|row| record(&row.to_payload())).collect::<Vec<u8>>();
         self.append(&records)?;
         self.file.sync().map_err(DatasetError::disk("sync the journal", self.path()))?;
-        self.side = other.side;
+        self.size = other.size;
         self.take.rows.clone_from(&other.take.rows);
         Ok(())
     }
 
-    /// Appends the end, which the environment gave the episode, or its driver.
+    /// Appends the end, which the world gave the episode, or its driver.
     pub(super) fn finish(&mut self, last_frame: &Frame, end: Option<End>) -> Result<(), DatasetError> {
-        self.check_side(last_frame)?;
+        self.check_size(last_frame)?;
         let code = match end {
             None => 0,
-            Some(End::OutOfBounds) => 1,
-            Some(End::TimeLimit) => 2,
+            Some(End::Terminated) => 1,
+            Some(End::Truncated) => 2,
         };
         let end = TakeEnd::of(code, png::encode(last_frame));
         self.append(&record(&[b"E".as_slice(), &[code], &end.png].concat()))?;
@@ -209,14 +223,14 @@ impl Recording {
         Ok(())
     }
 
-    fn check_side(&self, frame: &Frame) -> Result<(), DatasetError> {
-        match self.side {
-            None if !(1..=limits::SIDE).contains(&frame.side()) => {
-                let reason = Unfit::Side(frame.side());
+    fn check_size(&self, frame: &Frame) -> Result<(), DatasetError> {
+        match self.size {
+            None if !limits::is_sane(frame.size()) => {
+                let reason = Unfit::Size(frame.size());
                 Err(DatasetError::Unfit { reason, path: self.path().to_owned() })
             }
-            Some(met) if met != frame.side() => {
-                Err(DatasetError::OtherSide { tried: frame.side(), met, path: self.path().to_owned() })
+            Some(met) if met != frame.size() => {
+                Err(DatasetError::OtherSize { tried: frame.size(), met, path: self.path().to_owned() })
             }
             _ => Ok(()),
         }
@@ -241,51 +255,52 @@ impl TakeEnd {
 }
 
 impl Row {
-    /// Bytes of a payload before the state.
-    const HEAD: usize = 1 + 8 + 4 * Action::LEN + 4 + 1;
-
     fn to_payload(&self) -> Vec<u8> {
-        let mut payload = Vec::with_capacity(Self::HEAD + 4 * self.state.len() + self.png.len());
-        payload.push(b'S');
-        payload.extend(self.scalars());
-        payload.extend(self.state.iter().flat_map(|number| number.to_le_bytes()));
-        payload.extend(&self.png);
-        payload
+        let numbers = |numbers: &[f32]| numbers.iter().flat_map(|it| it.to_le_bytes()).collect::<Vec<u8>>();
+        let events = self.events.iter().map(|&goes_on| u8::from(goes_on)).collect::<Vec<u8>>();
+        [
+            b"S".as_slice(),
+            &self.wall_time_ns.to_le_bytes(),
+            &numbers(&self.action),
+            &self.reward.to_le_bytes(),
+            &[u8::from(self.planned)],
+            &events,
+            &numbers(&self.state),
+            &self.png,
+        ]
+        .concat()
     }
 
-    /// What every world has but the frame, as bytes.
-    fn scalars(&self) -> Vec<u8> {
-        let mut bytes = self.wall_time_ns.to_le_bytes().to_vec();
-        for number in self.action.to_array().into_iter().chain([self.reward]) {
-            bytes.extend(number.to_le_bytes());
-        }
-        let Contacts { chuckhole, car } = self.contacts.unwrap_or_default();
-        let touched = [self.grass, chuckhole, car, self.contacts.is_some(), self.planned];
-        bytes.push((0..).zip(touched).map(|(bit, is)| u8::from(is) << bit).sum());
-        bytes
-    }
-
-    fn from_payload(payload: &[u8], n_sensors: usize) -> Option<Self> {
-        let (head, rest) = payload.split_at_checked(Self::HEAD)?;
-        let (state, png) = rest.split_at_checked(4 * n_sensors)?;
-        let (state, _) = state.as_chunks();
-        let number = |at: usize| Some(f32::from_le_bytes(*head.get(at..)?.first_chunk()?));
-        let touched = *head.last()?;
-        let is = |bit: u8| touched >> bit & 1 != 0;
+    fn from_payload(payload: &[u8], layout: &Layout) -> Option<Self> {
+        let rest = payload.strip_prefix(b"S")?;
+        let (wall_time_ns, rest) = rest.split_first_chunk()?;
+        let (action, rest) = rest.split_at_checked(4 * layout.axes.len())?;
+        let (reward, rest) = rest.split_first_chunk()?;
+        let (&flags, rest) = rest.split_first()?;
+        let (events, rest) = rest.split_at_checked(layout.events.len())?;
+        let (state, png) = rest.split_at_checked(4 * layout.sensors.len())?;
         let row = Self {
             png: png.to_vec(),
-            action: Action { steer: number(9)?, gas: number(13)?, brake: number(17)? },
-            reward: number(21)?,
-            grass: is(0),
-            contacts: is(3).then(|| Contacts { chuckhole: is(1), car: is(2) }),
-            wall_time_ns: i64::from_le_bytes(*head.get(1..)?.first_chunk()?),
-            planned: is(4),
-            state: state.iter().map(|&number| f32::from_le_bytes(number)).collect(),
+            action: Action::new(floats(action)),
+            reward: f32::from_le_bytes(*reward),
+            events: events.iter().map(|&event| event == 1).collect(),
+            wall_time_ns: i64::from_le_bytes(*wall_time_ns),
+            planned: flags & 1 == 1,
+            state: floats(state),
         };
-        let Action { steer, gas, brake } = row.action;
-        let mut numbers = [steer, gas, brake, row.reward].into_iter().chain(row.state.iter().copied());
-        (head[0] == b'S' && numbers.all(f32::is_finite)).then_some(row)
+        let is_sane = flags <= 1 && events.iter().all(|&event| event <= 1);
+        (is_sane && row.is_finite()).then_some(row)
     }
+
+    /// Whether all of its numbers are some.
+    pub(super) fn is_finite(&self) -> bool {
+        self.action.is_finite() && self.reward.is_finite() && self.state.iter().all(|it| it.is_finite())
+    }
+}
+
+/// The numbers that some bytes stand for.
+pub(super) fn floats(bytes: &[u8]) -> Vec<f32> {
+    bytes.as_chunks().0.iter().map(|&number| f32::from_le_bytes(number)).collect()
 }
 
 /// A record with its length and checksum before it.
@@ -337,29 +352,39 @@ pub(super) fn read(path: &Path) -> Result<Take, DatasetError> {
 pub(super) fn is_one(path: &Path) -> bool {
     let mut begun = [0; MAGIC.len()];
     let is_read = File::open(path).and_then(|mut file| file.read_exact(&mut begun)).is_ok();
-    is_read && [MAGIC, OLD_MAGIC].contains(&begun.as_slice())
+    is_read && MAGICS.contains(&&begun)
 }
 
 /// What the bytes of the journal `id` hold, and how many are torn at their end. Nothing where the beginning is.
 pub(super) fn parse(bytes: &[u8], id: String) -> Option<(Take, usize)> {
-    let is_old = bytes.starts_with(OLD_MAGIC);
-    let rest = bytes.strip_prefix(if is_old { OLD_MAGIC } else { MAGIC })?;
+    let (magic, rest) = bytes.split_first_chunk()?;
+    let (is_first, is_old) = (magic == legacy::FIRST_MAGIC, magic != MAGIC);
+    if !MAGICS.contains(&magic) {
+        return None;
+    }
     let (payload, mut rest) = split_record(rest)?;
-    let head: Head = serde_json::from_slice(payload.strip_prefix(b"I")?).ok()?;
-    limits::check_info(&head.info).and(limits::check_sensors(&head.state)).ok()?;
-    let mut take = Take { id, info: head.info, state: head.state, rows: Vec::new(), end: None };
+    let Head { info, layout, state, .. } = serde_json::from_slice(payload.strip_prefix(b"I")?).ok()?;
+    let layout = if is_old { Layout { sensors: state, ..Layout::default() } } else { layout? };
+    limits::check_info(&info).and(limits::check_layout(&layout)).ok()?;
+    let mut take = Take { id, info, layout, rows: Vec::new(), end: None };
     while let Some((payload, after)) = split_record(rest) {
         match payload {
             [b'E', code @ 0..=2, png @ ..] => {
                 let mut end = TakeEnd::of(*code, png.to_vec());
-                end.truncated |= is_old && end.done && take.rows.len() >= MAX_STEPS;
+                end.truncated |= is_first && legacy::is_out_of_time(end.done, take.rows.len());
                 take.end = Some(end);
             }
-            payload => match Row::from_payload(payload, take.state.len()) {
-                // Nothing comes after the end.
-                Some(row) if take.end.is_none() && take.rows.len() < limits::STEPS => take.rows.push(row),
-                _ => break,
-            },
+            // Nothing comes after the end.
+            _ if take.end.is_some() || take.rows.len() >= limits::STEPS => break,
+            payload => {
+                let row = if is_old {
+                    legacy::row(payload, &mut take)
+                } else {
+                    Row::from_payload(payload, &take.layout)
+                };
+                let Some(row) = row else { break };
+                take.rows.push(row);
+            }
         }
         rest = after;
     }
@@ -380,18 +405,18 @@ mod tests {
 
     fn step(level: u8) -> StepRecord {
         StepRecord {
-            frame: Frame::new(4, vec![level; 48]),
-            action: Action::new(0.25, f32::from(level) / 255.0, 0.5),
+            frame: Frame::square(4, vec![level; 48]),
+            action: Action::new([0.25, f32::from(level) / 255.0, 0.5]),
             reward: -1.0,
-            grass: level % 2 == 1,
-            contacts: (level > 1).then_some(Contacts { chuckhole: level == 2, car: level == 3 }),
+            events: vec![level % 2 == 1, level == 2],
             wall_time_ns: 1_767_225_600_000_000_000 + i64::from(level),
             state: vec![f32::from(level), -0.5],
         }
     }
 
-    fn sensors() -> Vec<String> {
-        vec!["speed".to_owned(), "yaw_rate".to_owned()]
+    fn layout() -> Layout {
+        let names = |names: [&str; 2]| names.map(str::to_owned).to_vec();
+        Layout { events: names(["bump", "tile"]), sensors: names(["speed", "yaw_rate"]), ..Layout::default() }
     }
 
     fn info() -> EpisodeInfo {
@@ -401,7 +426,7 @@ mod tests {
     #[test]
     fn a_journal_cut_at_any_byte_of_its_last_record_keeps_all_records_before() {
         let dir = tempfile::tempdir().unwrap();
-        let mut recording = Recording::begin(dir.path(), info(), sensors(), None).unwrap();
+        let mut recording = Recording::begin(dir.path(), info(), layout(), None).unwrap();
         recording.push(&step(1)).unwrap();
         recording.push(&step(2)).unwrap();
         let n_before = recording.file.len() as usize;
@@ -419,7 +444,7 @@ mod tests {
     #[test]
     fn a_flipped_bit_ends_a_journal_there() {
         let dir = tempfile::tempdir().unwrap();
-        let mut recording = Recording::begin(dir.path(), info(), sensors(), None).unwrap();
+        let mut recording = Recording::begin(dir.path(), info(), layout(), None).unwrap();
         recording.push(&step(1)).unwrap();
         let n_before = recording.file.len() as usize;
         recording.push(&step(2)).unwrap();
@@ -432,9 +457,9 @@ mod tests {
     #[test]
     fn an_end_is_read_back() {
         let dir = tempfile::tempdir().unwrap();
-        let mut recording = Recording::begin(dir.path(), info(), sensors(), None).unwrap();
+        let mut recording = Recording::begin(dir.path(), info(), layout(), None).unwrap();
         recording.push(&step(1)).unwrap();
-        recording.finish(&step(9).frame, Some(End::TimeLimit)).unwrap();
+        recording.finish(&step(9).frame, Some(End::Truncated)).unwrap();
         let take = read(recording.path()).unwrap();
         assert_eq!(take, recording.take);
         assert!(take.end.is_some_and(|end| end.done && end.truncated), "its time was up");
@@ -445,31 +470,124 @@ mod tests {
         let info = serde_json::json!({"app": "0.1.0", "env": "dummy", "pilot": "nobody", "seed": 7});
         let row = Row {
             png: png::encode(&step(1).frame),
-            action: Action::new(0.25, 0.5, 0.0),
+            action: Action::new([0.25, 0.5, 0.0]),
             reward: 10.0,
-            grass: true,
-            contacts: None,
+            events: vec![true],
             wall_time_ns: 12,
             planned: true,
             state: Vec::new(),
         };
-        let payloads =
-            [[b"I".as_slice(), info.to_string().as_bytes()].concat(), row.to_payload(), b"E\x01png".to_vec()];
-        let bytes =
-            [OLD_MAGIC.to_vec(), payloads.iter().flat_map(|payload| record(payload)).collect()].concat();
-        let (take, n_torn) = parse(&bytes, "old".to_owned()).unwrap();
+        // On the grass, by the planner.
+        let payloads = [
+            [b"I".as_slice(), info.to_string().as_bytes()].concat(),
+            old_payload(&row, 0b1_0001),
+            b"E\x01png".to_vec(),
+        ];
+        let (take, n_torn) = parse(&journal(legacy::FIRST_MAGIC, &payloads), "old".to_owned()).unwrap();
         assert_eq!((take.rows, n_torn, take.info.seed), (vec![row], 0, 7));
+        assert_eq!(take.layout, Layout::default());
         assert_eq!(take.end, Some(TakeEnd { png: b"png".to_vec(), done: true, truncated: false }));
     }
 
     #[test]
-    fn numbers_that_are_not_finite_are_refused() {
+    fn a_journal_of_the_second_version_says_itself_whether_there_are_obstacles() {
+        let info = serde_json::json!({
+            "app": "0.1.0", "env": "dummy", "pilot": "nobody", "seed": 7, "state": ["speed"],
+        });
+        let row = Row {
+            png: png::encode(&step(1).frame),
+            action: Action::new([0.25, 0.5, 0.0]),
+            reward: 10.0,
+            events: vec![false, true, false],
+            wall_time_ns: 12,
+            planned: false,
+            state: vec![3.0],
+        };
+        let info = [b"I".as_slice(), info.to_string().as_bytes()].concat();
+        let payloads = [info, old_payload(&row, 0b1010), old_payload(&row, 0), b"E\x02png".to_vec()];
+        let (take, n_torn) = parse(&journal(legacy::SECOND_MAGIC, &payloads), "old".to_owned()).unwrap();
+        assert_eq!(take.layout.events, ["grass", "chuckhole", "car"]);
+        assert_eq!(take.layout.sensors, ["speed"]);
+        assert_eq!((take.rows, take.end), (vec![row], None), "from a step of another world on it is torn");
+        assert!(n_torn > 0, "and that is told");
+    }
+
+    /// A step as versions of before wrote it.
+    fn old_payload(row: &Row, touched: u8) -> Vec<u8> {
+        let mut payload = row.to_payload();
+        // The flags and the events.
+        payload.splice(25..=25 + row.events.len(), [touched]);
+        payload
+    }
+
+    fn journal(magic: &[u8; 16], payloads: &[Vec<u8>]) -> Vec<u8> {
+        [magic.to_vec(), payloads.iter().flat_map(|payload| record(payload)).collect()].concat()
+    }
+
+    #[test]
+    fn a_journal_of_any_world_is_read() {
         let dir = tempfile::tempdir().unwrap();
-        let mut recording = Recording::begin(dir.path(), info(), sensors(), None).unwrap();
+        for (n_axes, n_events, n_sensors) in [(1, 0, 0), (14, 3, 42), (48, 64, 64)] {
+            let names = |n: usize| (0..n).map(|i| format!("number {i}")).collect::<Vec<_>>();
+            let layout = Layout {
+                axes: names(n_axes),
+                events: names(n_events),
+                sensors: names(n_sensors),
+                rate: 12.5,
+            };
+            let mut recording = Recording::begin(dir.path(), info(), layout, None).unwrap();
+            for t in 0..3 {
+                let step = StepRecord {
+                    frame: Frame::new(2, 5, vec![t as u8; 30]),
+                    action: Action::new(vec![0.5 * t as f32; n_axes]),
+                    events: (0..n_events).map(|event| event % 3 == t).collect(),
+                    state: vec![-1.5 * t as f32; n_sensors],
+                    ..step(1)
+                };
+                recording.push_by(&step, t == 1).unwrap();
+            }
+            assert_eq!(read(recording.path()).unwrap(), recording.take);
+        }
+    }
+
+    #[test]
+    fn a_layout_that_cannot_be_is_refused_before_anything_is_driven() {
+        let dir = tempfile::tempdir().unwrap();
+        let names = |names: &[&str]| names.iter().map(|&name| name.to_owned()).collect::<Vec<_>>();
+        let odd = [
+            (Layout { axes: names(&[]), ..layout() }, "it names 0 axes, and must name 1 to 48"),
+            (Layout { axes: vec!["a".to_owned(); 49], ..layout() }, "it names 49 axes"),
+            (Layout { events: vec!["a".to_owned(); 65], ..layout() }, "it names 65 events"),
+            (Layout { axes: names(&[""]), ..layout() }, "one of its axes is called \"\", which is no name"),
+            (Layout { sensors: names(&["a\nb"]), ..layout() }, "which is no name"),
+            (Layout { rate: f64::NAN, ..layout() }, "NaN steps a second"),
+            (Layout { rate: 0.0, ..layout() }, "0 steps a second"),
+            (
+                Layout { events: names(&["new tile", "New-tile"]), ..layout() },
+                r#"its events "new tile" and "New-tile" would both be the column next.new_tile"#,
+            ),
+            (
+                Layout { events: names(&["done"]), ..layout() },
+                r#"its event "done" would be the column next.done, which tells something else"#,
+            ),
+        ];
+        for (layout, wanted) in odd {
+            let refused = Recording::begin(dir.path(), info(), layout, None).err().unwrap().to_string();
+            assert!(refused.starts_with("this cannot be recorded") && refused.contains(wanted), "{refused}");
+        }
+        assert!(!dir.path().join("journal").exists(), "nothing is begun");
+    }
+
+    #[test]
+    fn numbers_that_are_not_finite_are_refused_and_so_is_what_has_too_few_of_them() {
+        let dir = tempfile::tempdir().unwrap();
+        let mut recording = Recording::begin(dir.path(), info(), layout(), None).unwrap();
         let odd = [
             StepRecord { reward: f32::NAN, ..step(1) },
             StepRecord { state: vec![f32::INFINITY, 0.0], ..step(1) },
-            StepRecord { action: Action { gas: f32::NAN, ..Action::default() }, ..step(1) },
+            StepRecord { action: Action::new([0.0, f32::NAN, 0.0]), ..step(1) },
+            StepRecord { action: Action::new([0.0; 2]), ..step(1) },
+            StepRecord { events: vec![true], ..step(1) },
             StepRecord { state: vec![1.0], ..step(1) },
         ];
         for step in odd {
@@ -482,11 +600,11 @@ mod tests {
     #[test]
     fn a_frame_of_another_size_is_refused_and_the_recording_goes_on() {
         let dir = tempfile::tempdir().unwrap();
-        let mut recording = Recording::begin(dir.path(), info(), sensors(), None).unwrap();
+        let mut recording = Recording::begin(dir.path(), info(), layout(), None).unwrap();
         recording.push(&step(1)).unwrap();
-        let other = StepRecord { frame: Frame::new(2, vec![0; 12]), ..step(2) };
+        let other = StepRecord { frame: Frame::square(2, vec![0; 12]), ..step(2) };
         let message = recording.push(&other).unwrap_err().to_string();
-        assert!(message.starts_with("a frame of 2 pixels a side cannot join frames of 4"), "{message}");
+        assert!(message.starts_with("a frame of 2 x 2 pixels cannot join frames of 4 x 4"), "{message}");
         recording.push(&step(3)).unwrap();
         assert_eq!(recording.n_steps(), 2);
     }

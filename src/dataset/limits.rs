@@ -1,16 +1,19 @@
 //! What an episode can sanely be: the one place that says so, for all that is read from files, before it is allocated.
 
 use std::collections::BTreeMap;
+use std::ops::RangeInclusive;
 
-use super::EpisodeInfo;
 use super::damage::OutOfLimits;
-use super::notes::{ACTION, IMAGE, Notes, STATE};
+use super::layout::column;
+use super::notes::{ACTION, DONE, IMAGE, Notes, REWARD, STATE, TERMINATED, TRUNCATED};
 use super::stats::Stats;
-use crate::env::Action;
+use super::{EpisodeInfo, Layout};
+use crate::text::shown;
+use crate::world::{MAX_AXES, Size};
 
-/// Steps of an episode. Ours have at most a thousand.
+/// Steps of an episode.
 pub(super) const STEPS: usize = 100_000;
-/// Pixels a side of a frame. Ours have 84 or 128.
+/// Rows of a frame, and pixels of a row.
 pub(super) const SIDE: u32 = 1024;
 /// Bytes of all frames of an episode, as they are in memory.
 const FRAMES_BYTES: usize = 4 << 30;
@@ -18,10 +21,14 @@ const FRAMES_BYTES: usize = 4 << 30;
 pub(super) const FOOTER_BYTES: usize = 16 << 20;
 /// Bytes of an episode file, and of a journal.
 pub(super) const FILE_BYTES: u64 = 2 << 30;
-/// Bytes of a name: of an environment, of a driver.
+/// Bytes of a name: of a world, of a driver, of an axis.
 const NAME_BYTES: usize = 256;
-/// Sensors of a car.
-pub(super) const SENSORS: usize = 64;
+/// Sensors of a world.
+const SENSORS: usize = 64;
+/// Events of a world.
+const EVENTS: usize = 64;
+/// Steps a second.
+const RATE: RangeInclusive<f64> = 0.01..=10_000.0;
 
 /// The most bytes that a page of `n_values` numbers takes.
 pub(super) fn page_bytes(n_values: usize) -> usize {
@@ -31,17 +38,17 @@ pub(super) fn page_bytes(n_values: usize) -> usize {
 /// Why these cannot be the notes of an episode of `n_rows` steps.
 pub(super) fn check_notes(notes: &Notes, n_rows: i64) -> Result<(), OutOfLimits> {
     check_info(&notes.info)?;
-    check_sensors(&notes.state)?;
-    let Notes { n_steps, side, .. } = *notes;
+    check_layout(&notes.layout())?;
+    let (n_steps, size) = (notes.n_steps, notes.size());
     if !(1..=STEPS).contains(&n_steps) || i64::try_from(n_steps) != Ok(n_rows) {
         return Err(OutOfLimits::Steps { n_steps, n_rows });
     }
-    if !(1..=SIDE).contains(&side) {
-        return Err(OutOfLimits::Side(side));
+    if !is_sane(size) {
+        return Err(OutOfLimits::Size(size));
     }
-    let frame_bytes = 3 * (side as usize).pow(2);
+    let frame_bytes = 3 * size.height as usize * size.width as usize;
     if frame_bytes.saturating_mul(n_steps + 1) > FRAMES_BYTES {
-        return Err(OutOfLimits::Frames { n_steps, side });
+        return Err(OutOfLimits::Frames { n_steps, size });
     }
     // A part of the name of a file.
     let is_name = |byte: u8| byte.is_ascii_alphanumeric() || b"-_".contains(&byte);
@@ -63,19 +70,50 @@ pub(super) fn check_notes(notes: &Notes, n_rows: i64) -> Result<(), OutOfLimits>
 
 /// Why this cannot be who drove where.
 pub(super) fn check_info(info: &EpisodeInfo) -> Result<(), OutOfLimits> {
-    for (what, name) in [("environment", &info.env), ("driver", &info.pilot)] {
-        if name.len() > NAME_BYTES || name.chars().any(char::is_control) {
+    for (what, name) in [("world", &info.env), ("driver", &info.pilot)] {
+        if !is_printable(name) {
             return Err(OutOfLimits::Name { what, n_bytes: name.len() });
         }
     }
     Ok(())
 }
 
-/// Why these cannot be the names of a car's sensors.
-pub(super) fn check_sensors(names: &[String]) -> Result<(), OutOfLimits> {
-    let is_odd = |name: &String| name.is_empty() || name.len() > NAME_BYTES;
-    if names.len() > SENSORS || names.iter().any(is_odd) {
-        return Err(OutOfLimits::Sensors(names.len()));
+/// Whether a name is of a bearable length and can be shown.
+fn is_printable(name: &str) -> bool {
+    name.len() <= NAME_BYTES && !name.chars().any(char::is_control)
+}
+
+/// Whether frames can have this size.
+pub(super) fn is_sane(size: Size) -> bool {
+    [size.height, size.width].iter().all(|side| (1..=SIDE).contains(side))
+}
+
+/// Why this cannot be what the steps of an episode have.
+pub(super) fn check_layout(layout: &Layout) -> Result<(), OutOfLimits> {
+    let Layout { axes, events, sensors, rate } = layout;
+    let listed =
+        [("axes", axes, 1..=MAX_AXES), ("events", events, 0..=EVENTS), ("sensors", sensors, 0..=SENSORS)];
+    for (what, names, bounds) in listed {
+        if !bounds.contains(&names.len()) {
+            let (least, most) = bounds.into_inner();
+            return Err(OutOfLimits::Listed { what, found: names.len(), least, most });
+        }
+        if let Some(name) = names.iter().find(|name| name.is_empty() || !is_printable(name)) {
+            return Err(OutOfLimits::Called { what, name: shown(name) });
+        }
+    }
+    if !RATE.contains(rate) {
+        return Err(OutOfLimits::Rate(rate.to_string()));
+    }
+    let mut taken = BTreeMap::new();
+    for event in events {
+        let column = column(event);
+        if [REWARD, DONE, TERMINATED, TRUNCATED].contains(&column.as_str()) {
+            return Err(OutOfLimits::Taken { event: event.clone(), column });
+        }
+        if let Some(other) = taken.insert(column.clone(), event) {
+            return Err(OutOfLimits::SameColumn { one: other.clone(), other: event.clone(), column });
+        }
     }
     Ok(())
 }
@@ -83,17 +121,16 @@ pub(super) fn check_sensors(names: &[String]) -> Result<(), OutOfLimits> {
 /// Each column has its statistics, and no other has.
 fn check_stats(notes: &Notes) -> Result<(), OutOfLimits> {
     let columns = notes.columns().names();
-    if let Some(missing) = columns.iter().find(|name| !notes.stats.contains_key(**name)) {
-        return Err(OutOfLimits::NoStatistics(missing));
+    if let Some(missing) = columns.iter().find(|name| !notes.stats.contains_key(*name)) {
+        return Err(OutOfLimits::NoStatistics(missing.clone()));
     }
-    let is_known = |name: &String| columns.contains(&name.as_str());
-    if let Some(other) = notes.stats.keys().find(|name| !is_known(name)) {
+    if let Some(other) = notes.stats.keys().find(|name| !columns.contains(name)) {
         return Err(OutOfLimits::OtherStatistics(other.clone()));
     }
     let odd = |stats: &BTreeMap<String, Stats>| {
         let is_odd = |(name, stats): &(&String, &Stats)| {
             let width = match name.as_str() {
-                ACTION => Action::LEN,
+                ACTION => notes.axes.len(),
                 IMAGE => 3,
                 STATE => notes.state.len(),
                 _ => 1,

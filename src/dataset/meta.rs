@@ -7,11 +7,11 @@ use std::path::{Path, PathBuf};
 use parquet::errors::Result;
 use serde_json::{Map, Value, json};
 
-use super::notes::{ACTION, CAR, CHUCKHOLE, IMAGE, Notes, STATE, TERMINATED, TRUNCATED};
+use super::layout::column;
+use super::notes::{ACTION, DONE, IMAGE, Notes, REWARD, STATE, TERMINATED, TRUNCATED};
 use super::stats::Stats;
 use super::table::{Column, to_parquet};
 use super::{DatasetError, disk};
-use crate::env::STEPS_PER_SEC;
 
 /// Writes what is missing or says something else than the episodes do.
 pub(super) fn write(dir: &Path, episodes: &[Notes]) -> std::result::Result<(), DatasetError> {
@@ -73,11 +73,10 @@ fn info(first: &Notes, episodes: &[Notes]) -> Value {
     let n_episodes = episodes.len();
     let scalar = |dtype: &str| json!({"dtype": dtype, "shape": [1], "names": null});
     let mut features = json!({
-        IMAGE: {"dtype": "image", "shape": [first.side, first.side, 3], "names": ["height", "width", "channels"]},
-        ACTION: {"dtype": "float32", "shape": [3], "names": ["steer", "gas", "brake"]},
-        "next.reward": scalar("float32"),
-        "next.done": scalar("bool"),
-        "next.grass": scalar("bool"),
+        IMAGE: {"dtype": "image", "shape": [first.height, first.width, 3], "names": ["height", "width", "channels"]},
+        ACTION: {"dtype": "float32", "shape": [first.axes.len()], "names": first.axes},
+        REWARD: scalar("float32"),
+        DONE: scalar("bool"),
         "wall_time_ns": scalar("int64"),
         "timestamp": scalar("float32"),
         "frame_index": scalar("int64"),
@@ -85,19 +84,16 @@ fn info(first: &Notes, episodes: &[Notes]) -> Value {
         "index": scalar("int64"),
         "task_index": scalar("int64"),
     });
-    let columns = first.columns();
-    if columns.ends {
+    if first.columns().ends {
         for name in [TERMINATED, TRUNCATED] {
             features[name] = scalar("bool");
         }
     }
-    if columns.obstacles {
-        for name in [CHUCKHOLE, CAR] {
-            features[name] = scalar("bool");
-        }
+    for event in &first.events {
+        features[column(event)] = scalar("bool");
     }
-    if !columns.state.is_empty() {
-        features[STATE] = json!({"dtype": "float32", "shape": [columns.state.len()], "names": columns.state});
+    if !first.state.is_empty() {
+        features[STATE] = json!({"dtype": "float32", "shape": [first.state.len()], "names": first.state});
     }
     json!({
         "codebase_version": "v3.0",
@@ -108,13 +104,18 @@ fn info(first: &Notes, episodes: &[Notes]) -> Value {
         "chunks_size": disk::FILES_PER_CHUNK,
         "data_files_size_in_mb": 100,
         "video_files_size_in_mb": 200,
-        "fps": STEPS_PER_SEC,
+        "fps": rate(first.rate),
         "splits": {"train": format!("0:{n_episodes}")},
         "data_path": "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet",
         "video_path": null,
         "features": features,
         "dropj": {"env": first.info.env, "app": env!("CARGO_PKG_VERSION")},
     })
+}
+
+/// Steps a second, without a point where there is nothing behind it: so `LeRobot` has them.
+fn rate(rate: f64) -> Value {
+    if rate.fract() == 0.0 { json!(rate as u64) } else { json!(rate) }
 }
 
 /// `stats.json`: the statistics of each column over all episodes.

@@ -10,12 +10,11 @@
 //! damaged/                          files that turned out to be damaged, out of everybody's way
 //! ```
 //!
-//! A row of `data` is a step: `observation.image` (a PNG, the frame *before* the action), `observation.state` (what the
-//! car measured then), `action` (steer, gas and brake as the environment took them), `next.reward`, `next.done` (the
-//! environment ended the episode), `next.terminated` and `next.truncated` (because the car had left the field, or because
-//! the time was up), `next.grass`, `timestamp` (seconds, the step's index over 50), `wall_time_ns` (nanoseconds since 1970
-//! when the action was taken) and `LeRobot`'s indices.
-//! Worlds with obstacles add `next.chuckhole` (a wheel is in one) and `next.car` (the hull touches another's).
+//! A row of `data` is a step: `observation.image` (a PNG, the frame *before* the action), `observation.state` (what was
+//! measured then), `action` (a number for each axis, as the world took them), `next.reward`, `next.done` (the world ended
+//! the episode), `next.terminated` and `next.truncated` (by what happened in it, or from outside), for each event a column
+//! such as `next.new_tile` (whether it goes on), `timestamp` (seconds, the step's index over the rate), `wall_time_ns`
+//! (nanoseconds since 1970 when the action was taken) and `LeRobot`'s indices.
 //! An episode of n steps has n + 1 frames, each stored once: the frame after the last action is no step and gets no
 //! row. It stands in the footer of the file, under the key `dropj.last_frame`, as a PNG in hexadecimal.
 //! `assets/format-datasets.md` tells all of it.
@@ -27,10 +26,14 @@ mod damage;
 mod disk;
 mod error;
 mod folder;
+mod foreign;
 mod found;
 mod hex;
 mod index;
 mod journal;
+mod layout;
+mod legacy;
+pub mod lerobot;
 mod limits;
 mod meta;
 mod notes;
@@ -53,17 +56,19 @@ pub use error::DatasetError;
 pub use folder::Dataset;
 pub use index::Summary;
 pub use journal::Recording;
+pub use layout::Layout;
+pub use table::order_as_types_do;
 
-use crate::env::{Action, Contacts, Frame};
+use crate::world::{Action, Frame};
 
 /// Who drove where.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct EpisodeInfo {
-    /// The environment's name.
+    /// The world's name.
     pub env: String,
     /// The driver's name: a person's or a scripted pilot's.
     pub pilot: String,
-    /// What the environment was reset with.
+    /// What the world was reset with.
     pub seed: u64,
 }
 
@@ -74,15 +79,13 @@ pub struct StepRecord {
     pub frame: Frame,
     /// What was done.
     pub action: Action,
-    /// The environment's reward for it, which the method never sees.
+    /// The world's own reward for it, which the method never sees.
     pub reward: f32,
-    /// Whether the car was on the grass after it.
-    pub grass: bool,
-    /// What the car touched after it, in a world with obstacles.
-    pub contacts: Option<Contacts>,
+    /// Which events go on after it, in the order of [`Layout::events`].
+    pub events: Vec<bool>,
     /// When the action was taken, in nanoseconds since 1970.
     pub wall_time_ns: i64,
-    /// What the car measured before the action, as many numbers as [`Dataset::begin_with`] was given names.
+    /// What was measured before the action, in the order of [`Layout::sensors`].
     pub state: Vec<f32>,
 }
 
@@ -99,24 +102,30 @@ pub struct Episode {
     pub frames: Vec<Frame>,
     /// The action of each step: n.
     pub actions: Vec<Action>,
-    /// The environment's reward for each: n.
+    /// The world's own reward for each: n.
     pub rewards: Vec<f32>,
-    /// Whether the car was on the grass after each: n.
-    pub grass: Vec<bool>,
-    /// What the car touched after each: n, or none in a world without obstacles.
-    pub contacts: Vec<Contacts>,
+    /// What its steps have.
+    pub layout: Layout,
+    /// Which events go on after each, in the order of [`Layout::events`]: n.
+    pub events: Vec<Vec<bool>>,
     /// When each action was taken, in nanoseconds since 1970: n.
     pub wall_times_ns: Vec<i64>,
-    /// The names of what the car measured. None in a world where it measures nothing, and before that was recorded.
-    pub state_names: Vec<String>,
-    /// What the car measured before each action: n, each as long as its names.
+    /// What was measured before each action, in the order of [`Layout::sensors`]: n.
     pub states: Vec<Vec<f32>>,
-    /// Whether the environment ended it, and not the driver or a crash of the program.
+    /// Whether the world ended it, and not the driver or a crash of the program.
     pub done: bool,
-    /// Whether the environment ended it because the time was up, and for nothing that happened.
+    /// Whether the world ended it from outside, as by its longest time, and for nothing that happened.
     pub truncated: bool,
     /// The steps that the planner drove, and not whoever is named as the pilot.
     pub planned: Vec<Range<usize>>,
+}
+
+impl Episode {
+    /// After which steps the event of this name goes on, where there is such an event.
+    pub fn event(&self, name: &str) -> Option<Vec<bool>> {
+        let event = self.layout.event(name)?;
+        Some(self.events.iter().map(|events| events[event]).collect())
+    }
 }
 
 /// An episode that was being driven when the program stopped.

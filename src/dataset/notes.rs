@@ -5,21 +5,24 @@ use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 
+use super::layout::column;
 use super::stats::Stats;
-use super::{EpisodeInfo, disk};
+use super::{EpisodeInfo, Layout, disk};
+use crate::world::Size;
 
-/// The format of the notes. Those of 1 knew neither the car's state nor why an episode ended.
-pub(super) const FORMAT: u32 = 2;
+/// The format of the notes. Those of 1 knew neither a state nor why an episode ended, those of 2 no world but the built-in ones.
+pub(super) const FORMAT: u32 = 3;
 /// The column of actions.
 pub(super) const ACTION: &str = "action";
-/// The columns that only worlds with obstacles have.
-pub(super) const CHUCKHOLE: &str = "next.chuckhole";
-pub(super) const CAR: &str = "next.car";
+/// The column of the world's own rewards.
+pub(super) const REWARD: &str = "next.reward";
+/// The column that tells whether the world ended the episode.
+pub(super) const DONE: &str = "next.done";
 /// The column of frames.
 pub(super) const IMAGE: &str = "observation.image";
-/// The column of what the car measured, in worlds where it measures something.
+/// The column of what was measured, in worlds where something is.
 pub(super) const STATE: &str = "observation.state";
-/// The columns that tell the two ends apart that an environment gives an episode.
+/// The columns that tell the two ends apart that a world gives an episode.
 pub(super) const TERMINATED: &str = "next.terminated";
 pub(super) const TRUNCATED: &str = "next.truncated";
 
@@ -40,14 +43,30 @@ pub(super) struct Notes {
     pub(super) first_index: usize,
     /// How many steps it has.
     pub(super) n_steps: usize,
-    /// Pixels a side.
+    /// Rows of its pictures.
+    #[serde(default)]
+    pub(super) height: u32,
+    /// Pixels of a row.
+    #[serde(default)]
+    pub(super) width: u32,
+    /// Pixels a side, where an older version wrote it. Not to be asked: it is in the other two.
+    #[serde(default, skip_serializing)]
     pub(super) side: u32,
-    /// Whether the environment ended it.
+    /// Whether the world ended it.
     pub(super) done: bool,
-    /// Whether it did so because the time was up.
+    /// Whether it did so from outside.
     #[serde(default)]
     pub(super) truncated: bool,
-    /// The names of what the car measured.
+    /// What the numbers of an action are called.
+    #[serde(default)]
+    pub(super) axes: Vec<String>,
+    /// What can go on after a step.
+    #[serde(default)]
+    pub(super) events: Vec<String>,
+    /// Steps a second.
+    #[serde(default)]
+    pub(super) rate: f64,
+    /// The names of what was measured.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub(super) state: Vec<String>,
     /// The steps that the planner drove, from the first to before the last of each stretch.
@@ -63,11 +82,22 @@ pub(super) struct Notes {
 impl Notes {
     /// Which columns it has.
     pub(super) fn columns(&self) -> Columns {
-        Columns {
-            state: self.state.clone(),
-            ends: self.stats.contains_key(TRUNCATED),
-            obstacles: self.stats.contains_key(CHUCKHOLE) || self.stats.contains_key(CAR),
+        Columns { layout: self.layout(), ends: self.stats.contains_key(TRUNCATED) }
+    }
+
+    /// What its steps have.
+    pub(super) fn layout(&self) -> Layout {
+        Layout {
+            axes: self.axes.clone(),
+            events: self.events.clone(),
+            sensors: self.state.clone(),
+            rate: self.rate,
         }
+    }
+
+    /// The size of its pictures.
+    pub(super) fn size(&self) -> Size {
+        Size { height: self.height, width: self.width }
     }
 
     /// Whether it has this place in the dataset, in its name and in its columns.
@@ -77,39 +107,40 @@ impl Notes {
     }
 }
 
-/// The columns that not every dataset has. All episodes of one have the same.
-#[derive(Clone, Debug, PartialEq, Eq)]
+/// Which columns a dataset has. All episodes of one have the same.
+#[derive(Clone, Debug, PartialEq)]
 pub(super) struct Columns {
-    /// The names of what the car measured; none, no column.
-    pub(super) state: Vec<String>,
+    /// What the steps have.
+    pub(super) layout: Layout,
     /// Whether it is told why episodes ended. Before format 2 it was not.
     pub(super) ends: bool,
-    /// Whether contacts with obstacles were recorded.
-    pub(super) obstacles: bool,
 }
 
 impl Columns {
+    /// The names of those that every dataset has.
+    const ALWAYS: [&str; 10] = [
+        IMAGE,
+        ACTION,
+        REWARD,
+        DONE,
+        "wall_time_ns",
+        "timestamp",
+        "frame_index",
+        "episode_index",
+        "index",
+        "task_index",
+    ];
+
     /// The names of all columns.
-    pub(super) fn names(&self) -> Vec<&'static str> {
-        let mut names = vec![
-            IMAGE,
-            ACTION,
-            "next.reward",
-            "next.done",
-            "next.grass",
-            "wall_time_ns",
-            "timestamp",
-            "frame_index",
-            "episode_index",
-            "index",
-            "task_index",
-        ];
-        let optional = [
-            (!self.state.is_empty(), [STATE].as_slice()),
-            (self.ends, &[TERMINATED, TRUNCATED]),
-            (self.obstacles, &[CHUCKHOLE, CAR]),
-        ];
-        names.extend(optional.into_iter().filter(|(is_there, _)| *is_there).flat_map(|(_, names)| names));
+    pub(super) fn names(&self) -> Vec<String> {
+        let mut names = Self::ALWAYS.map(str::to_owned).to_vec();
+        if !self.layout.sensors.is_empty() {
+            names.push(STATE.to_owned());
+        }
+        if self.ends {
+            names.extend([TERMINATED, TRUNCATED].map(str::to_owned));
+        }
+        names.extend(self.layout.events.iter().map(|event| column(event)));
         names
     }
 }

@@ -33,12 +33,19 @@ pub(super) fn pages_hold(pages: &[u8], n_values: usize, page_bytes: usize) -> bo
     left == 0
 }
 
+/// The header at the beginning of `bytes`, and how long it is. None where it is cut, or not one of a page that is known.
+pub(super) fn page_header(bytes: &[u8]) -> Option<(Page, usize)> {
+    let mut walk = Walk { rest: bytes };
+    let page = walk.page()?;
+    Some((page, bytes.len() - walk.rest.len()))
+}
+
 /// What the header of a page claims.
-struct Page {
-    uncompressed: usize,
-    compressed: usize,
+pub(super) struct Page {
+    pub(super) uncompressed: usize,
+    pub(super) compressed: usize,
     /// Of the column. Those of a dictionary are none.
-    n_values: usize,
+    pub(super) n_values: usize,
 }
 
 /// What is still to be looked over.

@@ -10,14 +10,15 @@ use std::path::Path;
 use parquet::data_type::{BoolType, ByteArray, ByteArrayType, FloatType, Int64Type};
 use serde::Deserialize;
 
-use super::damage::{Damage, Stranger, TableError};
+use super::damage::{Damage, Stranger, TableError, shown};
 use super::hex::{from_hex, to_hex};
 use super::journal::{Row, Take, TakeEnd};
-use super::notes::{ACTION, CAR, CHUCKHOLE, Columns, FORMAT, IMAGE, Notes, STATE, TERMINATED, TRUNCATED};
+use super::layout::column;
+use super::notes::{ACTION, Columns, DONE, FORMAT, IMAGE, Notes, REWARD, STATE, TERMINATED, TRUNCATED};
 use super::stats::Stats;
 use super::table::{Column, Footer, Table, to_parquet};
-use super::{DatasetError, Episode, disk, limits, png};
-use crate::env::{Action, Contacts, Frame, MAX_STEPS, STEPS_PER_SEC};
+use super::{DatasetError, Episode, Layout, disk, legacy, limits, png};
+use crate::world::{Action, Frame, Size};
 
 /// The key of the notes in the footer.
 const NOTES: &str = "dropj";
@@ -38,15 +39,22 @@ pub(super) fn require_alike(one: &Notes, other: &Notes) -> Result<(), DatasetErr
     let differing = [
         (one.info.env != other.info.env)
             .then(|| [one, other].map(|notes| format!("is of the world {:?}", notes.info.env))),
-        (one.side != other.side)
-            .then(|| [one, other].map(|notes| format!("has frames of {} pixels a side", notes.side))),
+        (one.size() != other.size())
+            .then(|| [one, other].map(|notes| format!("has frames of {} pixels", shown(notes.size())))),
+        (one.axes != other.axes).then(|| [one, other].map(|notes| format!("has the axes {:?}", notes.axes))),
+        (one.rate != other.rate)
+            .then(|| [one, other].map(|notes| format!("has {} steps a second", notes.rate))),
         (one.columns() != other.columns()).then(|| {
             let [one, other] = [one, other].map(Notes::columns);
             let told = |columns: &Columns, than: &Columns| {
                 let more: Vec<_> =
                     columns.names().into_iter().filter(|name| !than.names().contains(name)).collect();
+                let (layout, thans) = (&columns.layout, &than.layout);
                 match more[..] {
-                    [] if columns.state != than.state => format!("measures {:?}", columns.state),
+                    [] if layout.sensors != thans.sensors => format!("measures {:?}", layout.sensors),
+                    [] if columns.names().len() == than.names().len() => {
+                        format!("tells the events {:?}", layout.events)
+                    }
                     [] => "has no more columns".to_owned(),
                     _ => format!("has the columns {}", more.join(", ")),
                 }
@@ -65,6 +73,29 @@ pub(super) fn require_alike(one: &Notes, other: &Notes) -> Result<(), DatasetErr
     }
 }
 
+/// Whether an episode of this layout can be sealed in the dataset at `dir`, whose first episode is `first`.
+pub(super) fn require_fit(layout: &Layout, first: &Notes, dir: &Path) -> Result<(), DatasetError> {
+    let met = first.layout();
+    let path = || dir.to_path_buf();
+    if layout.axes != met.axes {
+        let [tried, met] = [&layout.axes, &met.axes].map(|axes| format!("with the axes {axes:?}"));
+        return Err(DatasetError::OtherLayout { tried, met, path: path() });
+    }
+    if layout.rate != met.rate {
+        let [tried, met] = [layout.rate, met.rate].map(|rate| format!("of {rate} steps a second"));
+        return Err(DatasetError::OtherLayout { tried, met, path: path() });
+    }
+    let lacks_sensors = !met.sensors.is_empty() && met.sensors != layout.sensors;
+    let is_told =
+        |event: &String| layout.event(event).is_some() || legacy::never_happens(event, &first.info.env);
+    if lacks_sensors || !met.events.iter().all(is_told) {
+        let tried = Columns { layout: layout.clone(), ends: true }.names().join(", ");
+        let met = first.columns().names().join(", ");
+        return Err(DatasetError::OtherColumns { tried, met, path: path() });
+    }
+    Ok(())
+}
+
 /// Seals a take in the dataset at `dir`, whose first episode is `first`: the columns that this lacks are left out.
 pub(super) fn write(
     dir: &Path,
@@ -72,17 +103,17 @@ pub(super) fn write(
     place: Place,
     first: Option<&Notes>,
 ) -> Result<Notes, DatasetError> {
-    let there = columns_of(take);
-    let columns = first.map_or_else(|| there.clone(), Notes::columns);
-    let lacks_state = !columns.state.is_empty() && columns.state != there.state;
-    if lacks_state || columns.obstacles != there.obstacles {
-        let (tried, met) = (there.names().join(", "), columns.names().join(", "));
-        return Err(DatasetError::OtherColumns { tried, met, path: dir.to_path_buf() });
-    }
-    if let (Some(first), Ok(side)) = (first, side(take))
-        && first.side != side
+    let columns = match first {
+        None => Columns { layout: take.layout.clone(), ends: true },
+        Some(first) => {
+            require_fit(&take.layout, first, dir)?;
+            first.columns()
+        }
+    };
+    if let (Some(first), Ok(size)) = (first, size(take))
+        && first.size() != size
     {
-        return Err(DatasetError::OtherSide { tried: side, met: first.side, path: dir.to_path_buf() });
+        return Err(DatasetError::OtherSize { tried: size, met: first.size(), path: dir.to_path_buf() });
     }
     write_as(dir, take, place, &columns, env!("CARGO_PKG_VERSION").into())
 }
@@ -104,7 +135,8 @@ fn write_as(
     let Place { number, first_index } = place;
     let path = disk::episode_path(dir, number);
     let damaged = |reason: Damage| DatasetError::damaged(reason, &path);
-    let side = side(take).map_err(damaged)?;
+    let size = size(take).map_err(damaged)?;
+    let Layout { axes, events, sensors, rate } = columns.layout.clone();
     let mut cells = cells(take, place, columns);
     let ends = take.end.as_ref();
     let notes = Notes {
@@ -115,12 +147,17 @@ fn write_as(
         number,
         first_index,
         n_steps: take.rows.len(),
-        side,
+        height: size.height,
+        width: size.width,
+        side: 0,
         done: ends.is_some_and(|end| end.done),
         truncated: ends.is_some_and(|end| end.truncated),
-        state: columns.state.clone(),
+        axes,
+        events,
+        rate,
+        state: sensors,
         planned: planned(&take.rows),
-        stats: statistics(&cells, &take.rows, side).map_err(damaged)?,
+        stats: statistics(&cells, &take.rows, size).map_err(damaged)?,
         path: path.clone(),
     };
     // What is written can be read.
@@ -136,19 +173,13 @@ fn write_as(
     Ok(notes)
 }
 
-/// The columns that a take can fill.
-fn columns_of(take: &Take) -> Columns {
-    let obstacles = take.rows.iter().all(|row| row.contacts.is_some());
-    Columns { state: take.state.clone(), ends: true, obstacles }
-}
-
-/// Pixels a side of all frames of a take.
-fn side(take: &Take) -> Result<u32, Damage> {
+/// The size of all frames of a take.
+fn size(take: &Take) -> Result<Size, Damage> {
     let mut pngs = take.rows.iter().map(|row| &row.png).chain(take.end.iter().map(|end| &end.png));
-    let side = png::side(pngs.next().ok_or(Damage::NoStep)?)?;
-    match pngs.find(|png| !png::side(png).is_ok_and(|other| other == side)) {
-        Some(_) => Err(Damage::Sides),
-        None => Ok(side),
+    let size = png::size(pngs.next().ok_or(Damage::NoStep)?)?;
+    match pngs.find(|png| !png::size(png).is_ok_and(|other| other == size)) {
+        Some(_) => Err(Damage::Sizes),
+        None => Ok(size),
     }
 }
 
@@ -170,17 +201,14 @@ fn cells(take: &Take, place: Place, columns: &Columns) -> Vec<(String, Column)> 
     let end = take.end.as_ref();
     let (done, truncated) = end.map_or((false, false), |end| (end.done, end.truncated));
     let at_end = |is: bool| Column::Bools((1..=n).map(|step| is && step == n).collect());
-    let contacts: Vec<Contacts> = rows.iter().filter_map(|row| row.contacts).collect();
+    let Layout { axes, events, sensors, rate } = &columns.layout;
+    let secs = |step: usize| (step as f64 / rate) as f32;
     let mut cells = vec![
-        (
-            ACTION,
-            Column::FloatLists(Action::LEN, rows.iter().flat_map(|row| row.action.to_array()).collect()),
-        ),
-        ("next.reward", Column::Floats(rows.iter().map(|row| row.reward).collect())),
-        ("next.done", at_end(done)),
-        ("next.grass", Column::Bools(rows.iter().map(|row| row.grass).collect())),
+        (ACTION, floats(axes.len(), rows.iter().flat_map(|row| row.action.to_vec()).collect())),
+        (REWARD, Column::Floats(rows.iter().map(|row| row.reward).collect())),
+        (DONE, at_end(done)),
         ("wall_time_ns", Column::Ints(rows.iter().map(|row| row.wall_time_ns).collect())),
-        ("timestamp", Column::Floats((0..n).map(|step| step as f32 / STEPS_PER_SEC as f32).collect())),
+        ("timestamp", Column::Floats((0..n).map(secs).collect())),
         ("frame_index", Column::Ints((0..n as i64).collect())),
         ("episode_index", Column::Ints(vec![number as i64; n])),
         ("index", Column::Ints((first_index..first_index + n).map(|index| index as i64).collect())),
@@ -190,25 +218,36 @@ fn cells(take: &Take, place: Place, columns: &Columns) -> Vec<(String, Column)> 
         cells.push((TERMINATED, at_end(done && !truncated)));
         cells.push((TRUNCATED, at_end(truncated)));
     }
-    if columns.obstacles {
-        cells.push((CHUCKHOLE, Column::Bools(contacts.iter().map(|touched| touched.chuckhole).collect())));
-        cells.push((CAR, Column::Bools(contacts.iter().map(|touched| touched.car).collect())));
+    if !sensors.is_empty() {
+        cells.push((STATE, floats(sensors.len(), rows.iter().flat_map(|row| row.state.clone()).collect())));
     }
-    let state = || rows.iter().flat_map(|row| &row.state).copied().collect();
-    match columns.state.len() {
-        0 => {}
-        // As LeRobot has a feature of one number.
-        1 => cells.push((STATE, Column::Floats(state()))),
-        width => cells.push((STATE, Column::FloatLists(width, state()))),
+    let events = events.iter().map(|event| {
+        let there = take.layout.event(event);
+        let goes_on = |row: &Row| there.is_some_and(|event| row.events[event]);
+        (column(event), Column::Bools(rows.iter().map(goes_on).collect()))
+    });
+    cells.into_iter().map(|(name, cells)| (name.to_owned(), cells)).chain(events).collect()
+}
+
+/// A column of `width` numbers a row. `LeRobot` has a feature of one number without a list.
+fn floats(width: usize, values: Vec<f32>) -> Column {
+    if width == 1 { Column::Floats(values) } else { Column::FloatLists(width, values) }
+}
+
+/// The numbers of such a column.
+fn read_floats(table: &Table, name: &str, width: usize) -> parquet::errors::Result<Vec<f32>> {
+    match width {
+        0 => Ok(Vec::new()),
+        1 => table.read::<FloatType>(&[name], 1),
+        _ => table.read::<FloatType>(&[name, "list", "element"], width),
     }
-    cells.into_iter().map(|(name, column)| (name.into(), column)).collect()
 }
 
 /// The statistics of every column; of the frames, some only, as `LeRobot` has it.
 fn statistics(
     columns: &[(String, Column)],
     rows: &[Row],
-    side: u32,
+    size: Size,
 ) -> Result<BTreeMap<String, Stats>, Damage> {
     let mut stats = BTreeMap::new();
     for (name, column) in columns {
@@ -226,7 +265,7 @@ fn statistics(
     let n_samples = rows.len().min(N_SAMPLED_FRAMES);
     let mut pixels = Vec::new();
     for sample in 0..n_samples {
-        let frame = png::decode(&rows[sample * rows.len() / n_samples].png, side)?;
+        let frame = png::decode(&rows[sample * rows.len() / n_samples].png, size)?;
         pixels.extend(frame.rgb().iter().map(|&byte| f64::from(byte) / 255.0));
     }
     stats.insert(IMAGE.into(), Stats::of(3, &pixels, n_samples));
@@ -291,7 +330,7 @@ fn notes(footer: &Footer, path: &Path) -> Result<Notes, Stranger> {
     let by = || footer.created_by().to_owned();
     let Some(json) = footer.note(NOTES) else {
         // LeRobot's tools write the columns anew, and leave the notes out.
-        let was_ours = ["wall_time_ns", "next.grass"].into_iter().any(|name| footer.has_column(name));
+        let was_ours = footer.has_column("wall_time_ns");
         return Err(if was_ours { Stranger::WithoutNotes(by()) } else { Stranger::Foreign(by()) });
     };
     if !footer.is_ours() {
@@ -302,29 +341,28 @@ fn notes(footer: &Footer, path: &Path) -> Result<Notes, Stranger> {
         return Err(Stranger::Format { found: format, known: FORMAT });
     }
     let mut notes: Notes = serde_json::from_str(json).map_err(Stranger::Json)?;
+    legacy::complete(&mut notes);
     limits::check_notes(&notes, footer.n_rows()).map_err(Stranger::Limits)?;
-    // Before format 2 nobody said so.
-    notes.truncated |= format < 2 && notes.done && notes.n_steps >= MAX_STEPS;
     notes.path = path.to_path_buf();
     Ok(notes)
 }
 
 /// An episode as it was recorded.
 pub(super) fn episode((notes, take): (Notes, Take)) -> Result<Episode, DatasetError> {
-    let Notes { number, info, side, done, truncated, planned, state, path, .. } = notes;
-    let Take { rows, end, .. } = take;
+    let size = notes.size();
+    let Notes { number, info, done, truncated, planned, path, .. } = notes;
+    let Take { layout, rows, end, .. } = take;
     let pngs = rows.iter().map(|row| &row.png).chain(end.iter().map(|end| &end.png));
-    let frames = pngs.map(|png| png::decode(png, side)).collect::<Result<Vec<Frame>, _>>();
+    let frames = pngs.map(|png| png::decode(png, size)).collect::<Result<Vec<Frame>, _>>();
     Ok(Episode {
         number,
         info,
         frames: frames.map_err(|reason| DatasetError::damaged(reason, &path))?,
         actions: rows.iter().map(|row| row.action).collect(),
         rewards: rows.iter().map(|row| row.reward).collect(),
-        grass: rows.iter().map(|row| row.grass).collect(),
-        contacts: rows.iter().filter_map(|row| row.contacts).collect(),
+        layout,
+        events: rows.iter().map(|row| row.events.clone()).collect(),
         wall_times_ns: rows.iter().map(|row| row.wall_time_ns).collect(),
-        state_names: state,
         states: rows.into_iter().map(|row| row.state).collect(),
         done,
         truncated,
@@ -335,54 +373,37 @@ pub(super) fn episode((notes, take): (Notes, Take)) -> Result<Episode, DatasetEr
 /// The steps in a table, all numbers finite.
 fn take(table: &Table, notes: &Notes) -> Result<Take, Damage> {
     let n = notes.n_steps;
+    let layout = notes.layout();
+    let (n_axes, n_sensors) = (layout.axes.len(), layout.sensors.len());
     let pngs = table.read::<ByteArrayType>(&[IMAGE, "bytes"], 1)?;
-    let actions = table.read::<FloatType>(&[ACTION, "list", "element"], Action::LEN)?;
-    let rewards = table.read::<FloatType>(&["next.reward"], 1)?;
-    let grass = table.read::<BoolType>(&["next.grass"], 1)?;
+    let actions = read_floats(table, ACTION, n_axes)?;
+    let rewards = table.read::<FloatType>(&[REWARD], 1)?;
     let wall_times_ns = table.read::<Int64Type>(&["wall_time_ns"], 1)?;
-    let contacts = contacts(table, notes)?;
-    let width = notes.state.len();
-    let states = match width {
-        0 => Vec::new(),
-        1 => table.read::<FloatType>(&[STATE], 1)?,
-        _ => table.read::<FloatType>(&[STATE, "list", "element"], width)?,
-    };
-    let lens = [pngs.len(), actions.len() / Action::LEN, rewards.len(), grass.len(), wall_times_ns.len()];
-    if lens != [n; 5] {
+    let states = read_floats(table, STATE, n_sensors)?;
+    let events = layout.events.iter().map(|event| table.read::<BoolType>(&[&column(event)], 1));
+    let events = events.collect::<parquet::errors::Result<Vec<_>>>()?;
+    let lens = [pngs.len(), actions.len() / n_axes, rewards.len(), wall_times_ns.len()];
+    let lens: Vec<usize> = lens.into_iter().chain(events.iter().map(Vec::len)).collect();
+    if lens.iter().any(|&len| len != n) {
         return Err(Damage::Lengths { n_steps: n, lens });
     }
     if !actions.iter().chain(&rewards).chain(&states).all(|number| number.is_finite()) {
         return Err(Damage::NotFinite);
     }
-    let (actions, _): (&[[f32; Action::LEN]], _) = actions.as_chunks();
     let is_planned = |t: usize| notes.planned.iter().any(|&[from, to]| (from..to).contains(&t));
-    let rows = pngs.into_iter().enumerate().map(|(t, png)| {
-        let [steer, gas, brake] = actions[t];
-        Row {
-            png: png.data().to_vec(),
-            action: Action { steer, gas, brake },
-            reward: rewards[t],
-            grass: grass[t],
-            contacts: contacts.get(t).copied(),
-            wall_time_ns: wall_times_ns[t],
-            planned: is_planned(t),
-            state: states[t * width..(t + 1) * width].to_vec(),
-        }
+    let rows = pngs.into_iter().enumerate().map(|(t, png)| Row {
+        png: png.data().to_vec(),
+        action: Action::new(&actions[t * n_axes..(t + 1) * n_axes]),
+        reward: rewards[t],
+        events: events.iter().map(|event| event[t]).collect(),
+        wall_time_ns: wall_times_ns[t],
+        planned: is_planned(t),
+        state: states[t * n_sensors..(t + 1) * n_sensors].to_vec(),
     });
     let rows = rows.collect();
     let last = table.footer.note(LAST_FRAME).map(|hex| from_hex(hex).ok_or(Damage::LastFrame));
     let Notes { done, truncated, .. } = *notes;
     let end = last.transpose()?.map(|png| TakeEnd { png, done, truncated });
-    let (id, info, state) = (notes.recording.clone(), notes.info.clone(), notes.state.clone());
-    Ok(Take { id, info, state, rows, end })
-}
-
-/// What was touched, where the world has obstacles.
-fn contacts(table: &Table, notes: &Notes) -> parquet::errors::Result<Vec<Contacts>> {
-    if !notes.columns().obstacles {
-        return Ok(Vec::new());
-    }
-    let chuckholes = table.read::<BoolType>(&[CHUCKHOLE], 1)?;
-    let cars = table.read::<BoolType>(&[CAR], 1)?;
-    Ok(chuckholes.into_iter().zip(cars).map(|(chuckhole, car)| Contacts { chuckhole, car }).collect())
+    let (id, info) = (notes.recording.clone(), notes.info.clone());
+    Ok(Take { id, info, layout, rows, end })
 }

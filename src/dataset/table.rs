@@ -107,7 +107,7 @@ pub(super) fn to_parquet(columns: Vec<(String, Column)>, notes: Vec<(String, Str
 ///
 /// Of floats the writer says that they are in IEEE 754's total order, which readers older than 2026 refuse. Among the
 /// finite numbers that we write, both are the same. The orders stand at the very end of the footer, three bytes each.
-fn order_as_types_do(file: &mut [u8], n_leaves: usize) -> Result<()> {
+pub fn order_as_types_do(file: &mut [u8], n_leaves: usize) -> Result<()> {
     const TYPE_DEFINED: [u8; 3] = [0x1c, 0, 0];
     const TOTAL: [u8; 3] = [0x2c, 0, 0];
     let not_there =

@@ -3,44 +3,50 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use parquet::data_type::BoolType;
+use parquet::data_type::{BoolType, FloatType};
 use rand::{Rng as _, SeedableRng as _};
 use rand_chacha::ChaCha8Rng;
 
 use super::notes::Notes;
 use super::table::{Column, Table, sign_footer, sign_pages, to_parquet};
-use super::{Dataset, DatasetError, Episode, EpisodeInfo, Recording, StepRecord};
+use super::{Dataset, DatasetError, Episode, EpisodeInfo, Layout, Recording, StepRecord};
 use super::{disk, limits, read_episode, read_journal};
-use crate::env::{Action, Contacts, End, Frame};
+use crate::world::{Action, End, Frame, Size, WorldSpec};
 
 const SIDE: u32 = 12;
+const SIZE: Size = Size { height: SIDE, width: SIDE };
 
 fn frame(level: usize) -> Frame {
     let rgb: Vec<u8> =
         (0..3 * SIDE as usize * SIDE as usize).map(|byte| (byte * level % 253) as u8).collect();
-    Frame::new(SIDE, rgb)
+    Frame::square(SIDE, rgb)
 }
 
 fn step(index: usize) -> StepRecord {
     StepRecord {
         frame: frame(index),
-        action: Action::new(-0.1 * index as f32, 0.3, 0.01 * index as f32),
+        action: Action::new([-0.1 * index as f32, 0.3, 0.01 * index as f32]),
         reward: if index.is_multiple_of(3) { 10.0 } else { -1.0 },
-        grass: index.is_multiple_of(4),
-        contacts: None,
+        events: vec![index.is_multiple_of(4)],
         wall_time_ns: 1_767_225_600_000_000_000 + 20_000_000 * index as i64,
         state: vec![0.5 * index as f32, -1.0],
     }
 }
 
-const SENSORS: [&str; 2] = ["speed", "yaw_rate"];
+fn layout() -> Layout {
+    Layout { sensors: names(&["speed", "yaw_rate"]), ..Layout::default() }
+}
+
+fn names(names: &[&str]) -> Vec<String> {
+    names.iter().map(|&name| name.to_owned()).collect()
+}
 
 fn info(seed: u64) -> EpisodeInfo {
     EpisodeInfo { env: "dummy".into(), pilot: "nobody".into(), seed }
 }
 
 fn record(dataset: &Dataset, seed: u64, n_steps: usize) -> Recording {
-    let mut recording = dataset.begin_with(info(seed), &SENSORS).unwrap();
+    let mut recording = dataset.begin_with(info(seed), &layout()).unwrap();
     for index in 0..n_steps {
         recording.push(&step(index)).unwrap();
     }
@@ -49,7 +55,7 @@ fn record(dataset: &Dataset, seed: u64, n_steps: usize) -> Recording {
 
 fn seal(dataset: &mut Dataset, seed: u64, n_steps: usize) -> usize {
     let recording = record(dataset, seed, n_steps);
-    dataset.seal(recording, &frame(n_steps), Some(End::OutOfBounds)).unwrap()
+    dataset.seal(recording, &frame(n_steps), Some(End::Terminated)).unwrap()
 }
 
 fn expected(number: usize, seed: u64, n_steps: usize) -> Episode {
@@ -60,10 +66,9 @@ fn expected(number: usize, seed: u64, n_steps: usize) -> Episode {
         frames: (0..=n_steps).map(frame).collect(),
         actions: steps.iter().map(|step| step.action).collect(),
         rewards: steps.iter().map(|step| step.reward).collect(),
-        grass: steps.iter().map(|step| step.grass).collect(),
-        contacts: steps.iter().filter_map(|step| step.contacts).collect(),
+        layout: layout(),
+        events: steps.iter().map(|step| step.events.clone()).collect(),
         wall_times_ns: steps.iter().map(|step| step.wall_time_ns).collect(),
-        state_names: SENSORS.map(str::to_owned).to_vec(),
         states: steps.into_iter().map(|step| step.state).collect(),
         done: true,
         truncated: false,
@@ -80,7 +85,7 @@ fn who_drove_each_step_is_kept_even_where_the_program_was_killed() {
     let dir = tempfile::tempdir().unwrap();
     let planned = |index: usize| (2..5).contains(&index) || index == 7;
     let drive = |dataset: &Dataset| {
-        let mut recording = dataset.begin_with(info(1), &SENSORS).unwrap();
+        let mut recording = dataset.begin_with(info(1), &layout()).unwrap();
         for index in 0..8 {
             recording.push_by(&step(index), planned(index)).unwrap();
         }
@@ -88,7 +93,7 @@ fn who_drove_each_step_is_kept_even_where_the_program_was_killed() {
     };
     let mut dataset = Dataset::create_or_open(dir.path(), "dummy").unwrap();
     let recording = drive(&dataset);
-    dataset.seal(recording, &frame(8), Some(End::TimeLimit)).unwrap();
+    dataset.seal(recording, &frame(8), Some(End::Truncated)).unwrap();
     drop(drive(&dataset));
     drop(dataset);
     let mut dataset = Dataset::create_or_open(dir.path(), "dummy").unwrap();
@@ -106,26 +111,143 @@ fn what_is_recorded_is_what_is_read() {
     seal(&mut dataset, u64::MAX, 130);
     for dataset in [&dataset, &Dataset::open(dir.path()).unwrap()] {
         assert_eq!((dataset.n_episodes(), dataset.n_steps(), dataset.len(1)), (2, 131, 130));
-        assert_eq!((dataset.env(), dataset.side()), (Some("dummy"), Some(SIDE)));
+        assert_eq!((dataset.env(), dataset.size()), (Some("dummy"), Some(SIZE)));
         let episodes: Vec<Episode> = dataset.episodes().map(Result::unwrap).collect();
         assert_eq!(episodes, [expected(0, 7, 1), expected(1, u64::MAX, 130)]);
     }
 }
 
 #[test]
-fn contacts_with_obstacles_come_back() {
+fn what_goes_on_comes_back_event_by_event() {
     let dir = tempfile::tempdir().unwrap();
     let mut dataset = Dataset::create_or_open(dir.path(), "dummy").unwrap();
-    let contacts = [(true, false), (false, false), (true, true)];
-    let contacts = contacts.map(|(chuckhole, car)| Contacts { chuckhole, car });
-    let mut recording = dataset.begin_with(info(1), &SENSORS).unwrap();
-    for (i, &contact) in contacts.iter().enumerate() {
-        recording.push(&StepRecord { contacts: Some(contact), ..step(i) }).unwrap();
+    let layout = Layout { events: names(&["grass", "new tile", "Falls!"]), ..layout() };
+    let events = [[true, true, false], [false, false, false], [false, true, true], [false, true, false]];
+    let mut recording = dataset.begin_with(info(1), &layout).unwrap();
+    for (t, events) in events.iter().enumerate() {
+        recording.push(&StepRecord { events: events.to_vec(), ..step(t) }).unwrap();
     }
-    dataset.seal(recording, &frame(3), Some(End::OutOfBounds)).unwrap();
-    let read = Dataset::open(dir.path()).unwrap().episode(0).unwrap();
-    assert_eq!(read.contacts, contacts);
-    assert_eq!(read.grass, [true, false, false]);
+    dataset.seal(recording, &frame(4), Some(End::Terminated)).unwrap();
+    let dataset = Dataset::open(dir.path()).unwrap();
+    let read = dataset.episode(0).unwrap();
+    assert_eq!(read.events, events);
+    assert_eq!(read.event("new tile").unwrap(), [true, false, true, true]);
+    assert_eq!((read.event("tile"), &read.layout), (None, &layout));
+    let shares = dataset.summaries().next().unwrap().events;
+    assert_eq!(
+        shares,
+        [("grass", 0.25), ("new tile", 0.75), ("Falls!", 0.25)].map(|(name, share)| (name.to_owned(), share))
+    );
+    let table = Table::new(fs::read(episode_file(dir.path(), 0)).unwrap()).unwrap();
+    assert_eq!(table.read::<BoolType>(&["next.falls_"], 1).unwrap(), [false, false, true, false]);
+}
+
+/// The index of a dataset.
+fn index(dir: &Path) -> serde_json::Value {
+    serde_json::from_slice(&fs::read(dir.join("meta/info.json")).unwrap()).unwrap()
+}
+
+#[test]
+fn episodes_of_any_world_are_kept() {
+    type Shape<'a> = (&'a [&'a str], &'a [&'a str], usize, f64, Size);
+    let worlds: [Shape<'_>; 3] = [
+        (&["torque"], &[], 0, 20.0, Size { height: 60, width: 80 }),
+        (&["joint"; 14], &["drop", "spill"], 1, 12.5, Size { height: 80, width: 60 }),
+        (&["throttle", "rudder"], &["stall"], 3, 50.0, Size { height: 1, width: 1024 }),
+    ];
+    for (axes, events, n_sensors, rate, size) in worlds {
+        let dir = tempfile::tempdir().unwrap();
+        let sensors = (0..n_sensors).map(|i| format!("sensor {i}")).collect();
+        let layout = Layout { axes: names(axes), events: names(events), sensors, rate };
+        let frame = |t: usize| {
+            let n_bytes = 3 * (size.height * size.width) as usize;
+            let rgb: Vec<u8> = (0..n_bytes).map(|byte| (byte * t % 253) as u8).collect();
+            Frame::new(size.height, size.width, rgb)
+        };
+        let step = |t: usize| StepRecord {
+            frame: frame(t),
+            action: Action::new(
+                axes.iter().enumerate().map(|(i, _)| i as f32 - t as f32).collect::<Vec<_>>(),
+            ),
+            events: (0..events.len()).map(|event| event == t % 2).collect(),
+            state: (0..n_sensors).map(|i| 0.5 * (i + t) as f32).collect(),
+            ..step(t)
+        };
+        let mut dataset = Dataset::create_or_open(dir.path(), "dummy").unwrap();
+        assert_eq!((dataset.layout(), dataset.size()), (None, None));
+        for n_steps in [1, 5] {
+            let mut recording = dataset.begin_with(info(3), &layout).unwrap();
+            (0..n_steps).for_each(|t| recording.push(&step(t)).unwrap());
+            // Killed, and found again.
+            let journal = recording.path().to_owned();
+            let (bytes, is_killed) = (fs::read(&journal).unwrap(), n_steps == 5);
+            assert_eq!(read_journal(&bytes), Some((info(3), n_steps)));
+            if is_killed {
+                drop((recording, dataset));
+                dataset = Dataset::create_or_open(dir.path(), "dummy").unwrap();
+                dataset.recover(0).unwrap();
+            } else {
+                dataset.seal(recording, &frame(n_steps), None).unwrap();
+            }
+            let episode = dataset.episode(dataset.n_episodes() - 1).unwrap();
+            let steps: Vec<_> = (0..n_steps).map(step).collect();
+            assert_eq!(episode.layout, layout);
+            assert_eq!(episode.frames, (0..n_steps + usize::from(!is_killed)).map(frame).collect::<Vec<_>>());
+            assert_eq!(episode.actions, steps.iter().map(|step| step.action).collect::<Vec<_>>());
+            assert_eq!(episode.events, steps.iter().map(|step| step.events.clone()).collect::<Vec<_>>());
+            assert_eq!(episode.states, steps.iter().map(|step| step.state.clone()).collect::<Vec<_>>());
+        }
+        drop(dataset);
+        let dataset = Dataset::open(dir.path()).unwrap();
+        assert_eq!((dataset.layout(), dataset.size()), (Some(layout), Some(size)));
+        let info = index(dir.path());
+        let features = &info["features"];
+        assert_eq!(features["observation.image"]["shape"], serde_json::json!([size.height, size.width, 3]));
+        assert_eq!(features["action"]["shape"], serde_json::json!([axes.len()]));
+        assert_eq!(features["action"]["names"], serde_json::json!(axes));
+        let fps = if rate == 12.5 { serde_json::json!(12.5) } else { serde_json::json!(rate as u64) };
+        assert_eq!(info["fps"], fps, "a whole number where it is one");
+        let table = Table::new(fs::read(episode_file(dir.path(), 1)).unwrap()).unwrap();
+        let secs: Vec<f32> = (0..5).map(|t| t as f32 / rate as f32).collect();
+        assert_eq!(table.read::<FloatType>(&["timestamp"], 1).unwrap(), secs);
+        if axes.len() == 1 {
+            let actions = table.read::<FloatType>(&["action"], 1).unwrap();
+            assert_eq!(actions, [0.0, -1.0, -2.0, -3.0, -4.0], "one number, as LeRobot has it");
+        }
+        // Moved to another place it is written anew.
+        let last = dataset.episode(1).unwrap();
+        drop(dataset);
+        Dataset::create_or_open(dir.path(), "dummy").unwrap().delete(0).unwrap();
+        let moved = Dataset::open(dir.path()).unwrap().episode(0).unwrap();
+        assert_eq!(moved, Episode { number: 0, ..last });
+    }
+}
+
+#[test]
+fn what_could_not_be_sealed_is_not_begun() {
+    let dir = tempfile::tempdir().unwrap();
+    let mut dataset = Dataset::create_or_open(dir.path(), "dummy").unwrap();
+    seal(&mut dataset, 1, 1);
+    let refused = |layout: Layout| dataset.begin_with(info(2), &layout).err().map(|met| met.to_string());
+    let other_axes = refused(Layout { axes: names(&["gas", "brake"]), ..layout() }).unwrap();
+    let told = r#"an episode with the axes ["gas", "brake"] cannot join episodes with the axes ["steer", "gas", "brake"]"#;
+    assert!(other_axes.starts_with(told), "{other_axes}");
+    let other_rate = refused(Layout { rate: 12.5, ..layout() }).unwrap();
+    assert!(
+        other_rate.starts_with("an episode of 12.5 steps a second cannot join episodes of 50 steps a second"),
+        "{other_rate}"
+    );
+    let lacking = refused(Layout { events: names(&["new tile"]), ..layout() }).unwrap();
+    assert!(
+        lacking.starts_with("an episode with the columns") && lacking.contains("next.grass"),
+        "{lacking}"
+    );
+    assert!(refused(Layout { sensors: names(&["speed"]), ..layout() }).is_some());
+    assert_eq!(
+        refused(Layout { events: names(&["new tile", "grass"]), ..layout() }),
+        None,
+        "but for more events"
+    );
 }
 
 #[test]
@@ -180,7 +302,7 @@ fn a_program_killed_between_sealing_and_tidying_up_seals_nothing_twice() {
     let recording = record(&dataset, 1, 3);
     let journal = recording.path().to_path_buf();
     let bytes = fs::read(&journal).unwrap();
-    dataset.seal(recording, &frame(3), Some(End::OutOfBounds)).unwrap();
+    dataset.seal(recording, &frame(3), Some(End::Terminated)).unwrap();
     drop(dataset);
     fs::write(&journal, bytes).unwrap();
     let dataset = Dataset::create_or_open(dir.path(), "dummy").unwrap();
@@ -285,9 +407,12 @@ fn a_dataset_keeps_to_one_environment_and_one_frame_size() {
     let dir = tempfile::tempdir().unwrap();
     let mut dataset = Dataset::create_or_open(dir.path(), "dummy").unwrap();
     seal(&mut dataset, 1, 1);
-    let mut recording = dataset.begin_with(info(2), &SENSORS).unwrap();
-    let small = StepRecord { frame: Frame::new(1, vec![0; 3]), ..step(0) };
-    assert!(matches!(recording.push(&small), Err(DatasetError::OtherSide { tried: 1, met: SIDE, .. })));
+    let mut recording = dataset.begin_with(info(2), &layout()).unwrap();
+    let small = StepRecord { frame: Frame::square(1, vec![0; 3]), ..step(0) };
+    assert!(matches!(
+        recording.push(&small),
+        Err(DatasetError::OtherSize { tried: Size { height: 1, width: 1 }, met: SIZE, .. })
+    ));
     drop(dataset);
     let message = Dataset::create_or_open(dir.path(), "other").err().unwrap().to_string();
     assert!(message.starts_with(r#"episodes of "other" cannot join a dataset of "dummy""#), "{message}");
@@ -316,7 +441,7 @@ fn an_episode_that_cannot_be_sealed_stays_in_its_journal() {
     let recording = record(&dataset, 3, 2);
     // A file where the folder should be: as good as a disk that refuses, and true for root as well.
     fs::write(dir.path().join("data"), "in the way").unwrap();
-    let message = dataset.seal(recording, &frame(2), Some(End::OutOfBounds)).unwrap_err().to_string();
+    let message = dataset.seal(recording, &frame(2), Some(End::Terminated)).unwrap_err().to_string();
     assert!(message.starts_with("could not seal the episode, which stays in its journal"), "{message}");
     fs::remove_file(dir.path().join("data")).unwrap();
     assert_eq!(dataset.recover(0).unwrap(), 0);
@@ -615,7 +740,7 @@ fn an_episode_that_another_program_rewrote_is_refused_by_its_true_name() {
     for (rewritten, reason) in [
         (signed(edited(whole.clone(), &by, &pyarrow)), "recorded by dropj, but rewritten by pyarrow"),
         (left_out, "which left out who drove"),
-        (signed(edited(whole.clone(), "\"format\":2", "\"format\":9")), "format 9"),
+        (signed(edited(whole.clone(), "\"format\":3", "\"format\":9")), "format 9"),
         (
             signed(edited(whole, "\"next.grass\":{", "\"next.glass\":{")),
             "lacks the statistics of \"next.grass\"",
@@ -730,7 +855,7 @@ fn why_an_episode_ended_is_kept() {
     let dir = tempfile::tempdir().unwrap();
     let mut dataset = Dataset::create_or_open(dir.path(), "dummy").unwrap();
     let ends =
-        [(None, false, false), (Some(End::OutOfBounds), true, false), (Some(End::TimeLimit), true, true)];
+        [(None, false, false), (Some(End::Terminated), true, false), (Some(End::Truncated), true, true)];
     for (end, ..) in ends {
         let recording = record(&dataset, 1, 2);
         dataset.seal(recording, &frame(2), end).unwrap();
@@ -754,7 +879,7 @@ const OLD_JOURNAL: &[u8] = include_bytes!("../../tests/golden/journal-format-1.j
 /// What an older version would have recorded.
 fn expected_old(number: usize, seed: u64, n_steps: usize) -> Episode {
     let states = vec![Vec::new(); n_steps];
-    Episode { state_names: Vec::new(), states, ..expected(number, seed, n_steps) }
+    Episode { layout: Layout::default(), states, ..expected(number, seed, n_steps) }
 }
 
 #[test]
@@ -779,6 +904,57 @@ fn a_dataset_of_an_older_version_is_read_and_keeps_its_columns() {
     assert_eq!(dataset.episode(1).unwrap(), expected_old(1, 7, 4));
 }
 
+/// An episode of seed 7 and four steps in a world with obstacles, and a journal of seed 8, that the version before format 3
+/// wrote.
+const SECOND_EPISODE: &[u8] = include_bytes!("../../tests/golden/episode-format-2.parquet");
+const SECOND_JOURNAL: &[u8] = include_bytes!("../../tests/golden/journal-format-2.journal");
+
+/// What that version recorded, and this one goes on with.
+fn expected_second(number: usize, seed: u64, n_steps: usize) -> Episode {
+    let env = "obstacle-car-racing-chuckholes".into();
+    let known = expected(number, seed, n_steps);
+    Episode {
+        info: EpisodeInfo { env, ..info(seed) },
+        layout: Layout { events: names(&["grass", "chuckhole", "car"]), ..layout() },
+        events: (0..n_steps).map(|t| vec![t.is_multiple_of(4), t == 2, false]).collect(),
+        planned: std::iter::once(1..2).collect(),
+        ..known
+    }
+}
+
+#[test]
+fn a_dataset_of_the_cars_is_continued_in_a_world_that_tells_other_events() {
+    let dir = tempfile::tempdir().unwrap();
+    let spec = WorldSpec::built_in("obstacle-car-racing-chuckholes").unwrap();
+    put(dir.path(), "data/chunk-000/file-000.parquet", SECOND_EPISODE);
+    put(dir.path(), "journal/00000000000000000000007.journal", SECOND_JOURNAL);
+    let mut dataset = Dataset::create_or_open(dir.path(), &spec.name).unwrap();
+    assert_eq!(fs::read(episode_file(dir.path(), 0)).unwrap(), SECOND_EPISODE, "it stays as it is");
+    assert_eq!(dataset.recover(0).unwrap(), 1);
+    // There is no car in this world any more, and "new tile" was none of its events.
+    let layout = Layout::of(&spec, &layout().sensors);
+    assert_eq!(layout.events, ["grass", "new tile", "chuckhole"]);
+    let mut recording = dataset.begin_with(expected_second(2, 9, 3).info, &layout).unwrap();
+    for t in 0..3 {
+        let step = StepRecord { events: vec![t == 0, true, t == 2], ..step(t) };
+        recording.push_by(&step, t == 1).unwrap();
+    }
+    dataset.seal(recording, &frame(3), Some(End::Terminated)).unwrap();
+    let mut killed = expected_second(1, 8, 3);
+    killed.frames.pop();
+    killed.done = false;
+    let known = [expected_second(0, 7, 4), killed, expected_second(2, 9, 3)];
+    assert_eq!(dataset.episodes().map(Result::unwrap).collect::<Vec<_>>(), known);
+    let features = index(dir.path())["features"].as_object().unwrap().clone();
+    assert!(features.contains_key("next.car") && !features.contains_key("next.new_tile"), "{features:?}");
+    // Moved to another place it is written anew, with the columns that it had.
+    dataset.delete(1).unwrap();
+    fs::rename(episode_file(dir.path(), 0), episode_file(dir.path(), 5)).unwrap();
+    drop(dataset);
+    let dataset = Dataset::create_or_open(dir.path(), &spec.name).unwrap();
+    assert_eq!(dataset.episode(1).unwrap(), expected_second(1, 7, 4));
+}
+
 #[test]
 fn notes_beyond_all_measure_are_refused_before_anything_is_allocated() {
     let dir = tempfile::tempdir().unwrap();
@@ -786,16 +962,21 @@ fn notes_beyond_all_measure_are_refused_before_anything_is_allocated() {
     let notes = super::sealed::open(&episode_file(dir.path(), 0)).unwrap();
     let check = |notes: &Notes| limits::check_notes(notes, 3);
     assert_eq!(check(&notes), Ok(()));
-    let odd: [fn(&mut Notes); 11] = [
+    let odd: [fn(&mut Notes); 16] = [
         |notes| notes.n_steps = usize::MAX,
         |notes| notes.n_steps = 0,
-        |notes| notes.side = 60_000,
-        |notes| notes.side = 0,
+        |notes| notes.height = 60_000,
+        |notes| notes.width = 60_000,
+        |notes| notes.height = 0,
+        |notes| notes.width = 0,
         |notes| notes.recording = "../../etc/passwd".into(),
         |notes| notes.planned = vec![[2, 1]],
         |notes| notes.planned = vec![[0, 4]],
         |notes| notes.info.env = "x".repeat(1000),
         |notes| notes.state = vec![String::new()],
+        |notes| notes.axes = Vec::new(),
+        |notes| notes.events.push("Grass".into()),
+        |notes| notes.rate = f64::INFINITY,
         |notes| drop(notes.stats.remove("action")),
         |notes| notes.stats.get_mut("index").unwrap().max = Vec::new(),
     ];
@@ -805,7 +986,7 @@ fn notes_beyond_all_measure_are_refused_before_anything_is_allocated() {
         assert!(check(&notes).is_err(), "{notes:?}");
     }
     let mut long = notes.clone();
-    (long.n_steps, long.side) = (limits::STEPS, limits::SIDE);
+    (long.n_steps, long.height, long.width) = (limits::STEPS, limits::SIDE, limits::SIDE);
     assert!(limits::check_notes(&long, limits::STEPS as i64).is_err(), "300 GB of frames");
 }
 
@@ -815,7 +996,11 @@ fn no_bytes_make_the_readers_panic() {
     drop(four(dir.path()));
     let episode = fs::read(episode_file(dir.path(), 0)).unwrap();
     let mut numbers = ChaCha8Rng::seed_from_u64(0);
-    for whole in [&episode, &OLD_EPISODE.to_vec(), &OLD_JOURNAL.to_vec()] {
+    drop(record(&Dataset::create_or_open(dir.path(), "dummy").unwrap(), 5, 4));
+    let journal = disk::list(&dir.path().join("journal")).unwrap();
+    let journal = journal.iter().find(|path| path.extension().is_some()).map(|path| fs::read(path).unwrap());
+    let old = [OLD_EPISODE, OLD_JOURNAL, SECOND_EPISODE, SECOND_JOURNAL].map(<[u8]>::to_vec);
+    for whole in [episode.clone(), journal.unwrap()].iter().chain(&old) {
         // So many take a second. ROUNDS=400000 took over a minute.
         for round in 0..std::env::var("ROUNDS").map_or(600, |rounds| rounds.parse().unwrap()) {
             let mut bytes = whole.clone();

@@ -9,9 +9,9 @@ use std::ops::Range;
 
 use rand::Rng;
 
-use crate::env::{Action, Frame};
 use crate::query::SEGMENT_LEN;
 use crate::tensor::{NotFinite, from_slice, to_vec};
+use crate::world::{Action, Frame};
 use crate::world_model::{LatentState, ModelIdentity, Next, Noise, State, WorldModel, actions_tensor};
 
 pub use screen::Screen;
@@ -246,7 +246,7 @@ mod tests {
         let mut live = Vec::new();
         for t in 0..30 {
             live.extend(to_vec(&dream.state().features()));
-            dream.step(&model, Action::new((t as f32).sin(), 0.5, 0.0), rng).unwrap();
+            dream.step(&model, Action::new([(t as f32).sin(), 0.5, 0.0]), rng).unwrap();
         }
         let anew = dream.finish().features(&model);
         let apart = live.iter().zip(&anew.values).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
@@ -268,7 +268,7 @@ mod tests {
         let (model, rng) = (exploding(), &mut ChaCha8Rng::seed_from_u64(0));
         let start = LatentState { z: vec![0.1; 4], c: vec![0.2; 16], h: vec![0.3; 16] };
         let mut dream = Dream::new(&start, 0);
-        let met = (0..50).find_map(|_| dream.step(&model, Action::new(0.3, 1.0, 0.0), rng).err()).unwrap();
+        let met = (0..50).find_map(|_| dream.step(&model, Action::new([0.3, 1.0, 0.0]), rng).err()).unwrap();
         let n = dream.episode().len();
         assert!(met.to_string().contains(&format!("step {} of the dream", n + 1)), "{met} after {n} steps");
         assert!(dream.finish().zs.values.iter().all(|z| z.is_finite()), "what is kept is whole");
@@ -292,9 +292,9 @@ mod tests {
         let (mut dream, rng) = (Dream::new(&start, 0), &mut ChaCha8Rng::seed_from_u64(0));
         for t in 0..9 {
             if [2, 3, 4, 8].contains(&t) {
-                dream.step_planned(&model, Action::default(), rng).unwrap();
+                dream.step_planned(&model, Action::new([0.0; 3]), rng).unwrap();
             } else {
-                dream.step(&model, Action::default(), rng).unwrap();
+                dream.step(&model, Action::new([0.0; 3]), rng).unwrap();
             }
         }
         let episode = dream.finish();
@@ -309,7 +309,7 @@ mod tests {
         let drive = |seed| {
             let rng = &mut ChaCha8Rng::seed_from_u64(seed);
             let mut dream = Dream::new(&start, 0);
-            (0..10).for_each(|_| dream.step(&model, Action::default(), rng).unwrap());
+            (0..10).for_each(|_| dream.step(&model, Action::new([0.0; 3]), rng).unwrap());
             dream.finish().zs
         };
         assert_eq!(drive(5), drive(5));

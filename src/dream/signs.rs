@@ -3,8 +3,8 @@
 use tch::{Kind, Tensor};
 
 use crate::dream::{DreamEpisode, Rows};
-use crate::env::Frame;
 use crate::tensor::{dims, from_slice, to_vec};
+use crate::world::Frame;
 use crate::world_model::{Memory, WorldModel};
 
 /// How many signs there are.
@@ -104,7 +104,7 @@ mod tests {
 
     use super::*;
     use crate::dream::Dream;
-    use crate::env::Action;
+    use crate::world::Action;
     use crate::world_model::{LatentState, WorldModelConfig, untrained};
 
     #[test]
@@ -113,7 +113,7 @@ mod tests {
         let model = untrained(&WorldModelConfig::tiny(), rng);
         let start = LatentState { z: vec![0.1; 4], c: vec![0.2; 16], h: vec![0.3; 16] };
         let mut dream = Dream::new(&start, 3);
-        (0..120).for_each(|t| dream.step(&model, Action::new((t as f32).sin(), 0.5, 0.0), rng).unwrap());
+        (0..120).for_each(|t| dream.step(&model, Action::new([(t as f32).sin(), 0.5, 0.0]), rng).unwrap());
         let dream = dream.finish();
         let signs = dream.signs(&model, || true).unwrap();
         assert_eq!((signs.len(), signs.width), (120, N_SIGNS));
@@ -143,7 +143,7 @@ mod tests {
         let mut dream = DreamEpisode::new(start, 3);
         for z in [[3.0, 4.0, 0.0, 0.0], [1.0, -1.0, 1.0, 1.0]] {
             dream.zs.push(&z);
-            dream.actions.push(Action::default());
+            dream.actions.push(Action::new([0.0; 3]));
         }
         let signs = dream.signs(&model, || true).unwrap();
         let norm = |t: usize| signs.row(t)[SIGNS.iter().position(|sign| *sign == "norm").unwrap()];
@@ -152,7 +152,7 @@ mod tests {
 
     #[test]
     fn pictures_differ_by_their_mean_distance() {
-        let frame = |value: u8| Frame::new(2, vec![value; 12]);
+        let frame = |value: u8| Frame::square(2, vec![value; 12]);
         assert!((apart(&frame(100), &frame(49), &frame(49)) - 0.2).abs() < 1e-6, "51 of 255");
         assert_eq!(apart(&frame(100), &frame(50), &frame(150)), 0.0, "half-way between its neighbors");
     }

@@ -89,7 +89,8 @@ pub fn kappa<T: Copy + Eq + Hash>(pairs: &[(T, T)]) -> Option<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::query::{Justifications, Preference, SafetyAnswer};
+    use crate::query::Weights;
+    use crate::query::{Preference, SafetyAnswer};
 
     #[test]
     fn kappa_is_that_of_the_textbook() {
@@ -106,7 +107,7 @@ mod tests {
 
     #[test]
     fn critical_and_other_differences_are_counted_apart() {
-        let default = Justifications::car_racing().default();
+        let default = Weights::paper().justifications.default();
         let both = |preference| Response::Safety(SafetyAnswer::Both(preference));
         let only_left = Response::Safety(SafetyAnswer::OnlyLeft);
         let neither = Response::Safety(SafetyAnswer::Neither);

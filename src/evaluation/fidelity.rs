@@ -5,8 +5,8 @@ use rand_chacha::ChaCha8Rng;
 use serde::Serialize;
 
 use crate::dataset::{Dataset, DatasetError};
-use crate::env::Frame;
 use crate::tensor::{NotFinite, from_slice};
+use crate::world::Frame;
 use crate::world_model::{LatentState, Next, Noise, State, WorldModel, actions_tensor};
 
 /// Steps of a dream that is compared with what really came.

@@ -13,26 +13,25 @@ pub mod table;
 use std::ops::ControlFlow;
 use std::time::Instant;
 
-use crate::env::{Action, Env, Frame, Outcome, Seed};
 use crate::planner::{Agent, Plan};
 use crate::reward::RewardModel;
 use crate::tensor::NotFinite;
+use crate::world::{Action, Frame, World, WorldError};
 use crate::world_model::WorldModel;
 
 pub use agreement::{Agreement, kappa};
-pub use metrics::{EpisodeMetrics, MeanSd, Summary, Tally};
+pub use metrics::{EpisodeMetrics, EventFigure, MeanSd, Summary, Tally};
 pub use ranking::auc;
 pub use results::Results;
 pub use significance::{Dunn, KruskalWallis, Untested, dunn, kruskal_wallis, untested};
 pub use table::{aligned, table};
 
-/// Which track each episode has: that of the seed plus its number, whatever the method.
+/// Which seed each episode has: the first plus its number, whatever the method.
 ///
 /// ```
-/// use dropj::env::Seed;
 /// use dropj::evaluation::TracksAlike;
 ///
-/// assert_eq!(TracksAlike { seed: 100 }.track(3), Seed::Native(103));
+/// assert_eq!(TracksAlike { seed: 100 }.track(3), 103);
 /// ```
 ///
 /// `// DIFFERENCE:` the authors never seed the environment, so that no two methods drove the same tracks (method §12).
@@ -43,9 +42,9 @@ pub struct TracksAlike {
 }
 
 impl TracksAlike {
-    /// The track of an episode, which are numbered from 0.
-    pub fn track(self, episode: u64) -> Seed {
-        Seed::Native(self.seed.wrapping_add(episode))
+    /// The seed of an episode, which are numbered from 0.
+    pub fn track(self, episode: u64) -> u64 {
+        self.seed.wrapping_add(episode)
     }
 }
 
@@ -65,7 +64,7 @@ pub trait Policy {
 
 /// What happened in a step, for whoever watches.
 #[derive(Debug)]
-pub struct Step<'a> {
+pub struct Watched<'a> {
     /// Its number, from 0.
     pub t: usize,
     /// What was seen.
@@ -73,37 +72,55 @@ pub struct Step<'a> {
     /// What was done, which an aid may have changed.
     pub executed: Action,
     /// What came of it.
-    pub outcome: Outcome,
+    pub step: &'a crate::world::Step,
     /// The plan, where one was made.
     pub plan: Option<&'a Plan>,
 }
 
-/// Lets `policy` drive an episode of `env` from `seed` to its end, or until `on_step` breaks.
+/// Why an episode broke off.
+#[derive(Debug, thiserror::Error)]
+pub enum EpisodeError {
+    /// What the policy goes by is no number.
+    #[error(transparent)]
+    NotFinite(#[from] NotFinite),
+    /// The world failed.
+    #[error("the world failed at step {step}: {met}")]
+    World {
+        /// How many steps there were.
+        step: usize,
+        /// What it met.
+        met: WorldError,
+    },
+}
+
+/// Lets `policy` drive an episode of `world` from `seed` to its end, or until `on_step` breaks.
 ///
-/// After a break the metrics are those of the steps so far. Where the policy meets what is no number, the episode ends.
+/// After a break the metrics are those of the steps so far. Where the policy meets what is no number, or the world fails,
+/// the episode breaks off.
 pub fn evaluate_episode(
-    env: &mut dyn Env,
-    seed: Seed,
+    world: &mut dyn World,
+    seed: u64,
     policy: &mut dyn Policy,
-    mut on_step: impl FnMut(&dyn Env, &Step<'_>) -> ControlFlow<()>,
-) -> Result<EpisodeMetrics, NotFinite> {
-    let mut tally = Tally::default();
-    env.reset(seed);
+    mut on_step: impl FnMut(&dyn World, &Watched<'_>) -> ControlFlow<()>,
+) -> Result<EpisodeMetrics, EpisodeError> {
+    let mut tally = Tally::of(&world.spec().events);
+    let failed = |step, met| EpisodeError::World { step, met };
+    let mut frame = world.reset(seed).map_err(|met| failed(0, met))?;
     for t in 0.. {
-        let frame = env.frame();
         let asked = Instant::now();
         let action =
             policy.act(&frame).map_err(|NotFinite(what)| NotFinite(format!("{what} at step {t}")))?;
         let secs = asked.elapsed().as_secs_f64();
-        let outcome = env.advance(action);
-        let executed = env.executed().unwrap_or(action);
+        let step = world.step(&action).map_err(|met| failed(t, met))?;
+        let executed = step.executed.unwrap_or(action);
         policy.acted(executed);
         let plan = policy.planned();
-        tally.add(&outcome, plan.map(|_| secs));
-        let watched = on_step(env, &Step { t, frame: &frame, executed, outcome, plan });
-        if outcome.end.is_some() || watched.is_break() {
+        tally.add(&step, plan.map(|_| secs));
+        let watched = on_step(world, &Watched { t, frame: &frame, executed, step: &step, plan });
+        if step.end.is_some() || watched.is_break() {
             break;
         }
+        frame = step.frame;
     }
     Ok(tally.metrics())
 }
@@ -140,13 +157,13 @@ impl<R: RewardModel> Policy for PlanningPolicy<'_, R> {
     }
 }
 
-/// Drives ahead gently and looks at nothing: what a method must beat.
-#[derive(Clone, Copy, Debug, Default)]
-pub struct StraightOn;
+/// Does the same throughout and looks at nothing: what a method must beat.
+#[derive(Clone, Copy, Debug)]
+pub struct Constant(pub Action);
 
-impl Policy for StraightOn {
+impl Policy for Constant {
     fn act(&mut self, _: &Frame) -> Result<Action, NotFinite> {
-        Ok(Action::new(0.0, 0.1, 0.0))
+        Ok(self.0)
     }
 
     fn acted(&mut self, _: Action) {}
@@ -158,9 +175,10 @@ mod tests {
     use rand_chacha::ChaCha8Rng;
 
     use super::*;
-    use crate::env::{Aids, End, Events, ObstacleCarRacing, Obstacles, Truth};
     use crate::planner::PlannerConfig;
-    use crate::reward::{RewardConfig, RewardEnsemble};
+    use crate::reward::{RewardConfig, RewardEnsemble, RewardInputs};
+    use crate::world::End;
+    use crate::world::cars::{Aids, CarAction, CarWorld, Env, Events, Outcome, Seed, Truth};
     use crate::world_model::{WorldModelConfig, untrained};
 
     /// Ten steps: a tile at every even one, grass at every fifth.
@@ -171,17 +189,17 @@ mod tests {
             self.0 = 0;
         }
 
-        fn advance(&mut self, _: Action) -> Outcome {
+        fn advance(&mut self, _: CarAction) -> Outcome {
             let t = self.0;
             self.0 += 1;
             let events =
                 Events { new_tile: t.is_multiple_of(2), grass: t.is_multiple_of(5), ..Events::default() };
             let reward = if events.grass { -1.0 } else { 10.0 * f32::from(events.new_tile) };
-            Outcome { reward, events, end: (self.0 == 10).then_some(End::TimeLimit) }
+            Outcome { reward, events, end: (self.0 == 10).then_some(End::Truncated) }
         }
 
         fn frame(&self) -> Frame {
-            Frame::new(20, vec![80u8; 3 * 20 * 20])
+            Frame::square(20, vec![80u8; 3 * 20 * 20])
         }
 
         fn truth(&self) -> Truth {
@@ -193,47 +211,51 @@ mod tests {
         }
     }
 
+    fn ten_steps(t: usize) -> CarWorld {
+        CarWorld::of("ten-steps", TenSteps(t))
+    }
+
+    fn straight_on() -> Constant {
+        Constant(Action::new([0.0, 0.1, 0.0]))
+    }
+
     #[test]
     fn an_episode_is_driven_to_its_end() {
         let mut seen = Vec::new();
-        let metrics = evaluate_episode(&mut TenSteps(5), Seed::Native(0), &mut StraightOn, |_, step| {
+        let metrics = evaluate_episode(&mut ten_steps(5), 0, &mut straight_on(), |_, step| {
             seen.push(step.t);
             ControlFlow::Continue(())
         })
         .unwrap();
         assert_eq!(seen, (0..10).collect::<Vec<_>>());
-        assert_eq!(
-            (metrics.n_steps, metrics.ret, metrics.new_tile_rate, metrics.grass_rate),
-            (10, 38.0, 0.5, 0.2)
-        );
-        assert_eq!((metrics.chuckhole_rate, metrics.plan_ms_mean), (None, None));
+        assert_eq!((metrics.n_steps, metrics.ret), (10, 38.0));
+        assert_eq!((metrics.event("new tile"), metrics.event("grass")), (Some(0.5), Some(0.2)));
+        assert_eq!((metrics.event("chuckhole"), metrics.plan_ms_mean), (None, None));
     }
 
     #[test]
     fn whoever_watches_can_stop_it() {
-        let stop_at_three = |_: &dyn Env, step: &Step<'_>| {
+        let stop_at_three = |_: &dyn World, step: &Watched<'_>| {
             if step.t == 3 { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
         };
-        let metrics =
-            evaluate_episode(&mut TenSteps(0), Seed::Native(0), &mut StraightOn, stop_at_three).unwrap();
+        let metrics = evaluate_episode(&mut ten_steps(0), 0, &mut straight_on(), stop_at_three).unwrap();
         assert_eq!((metrics.n_steps, metrics.finished), (4, false));
     }
 
     #[test]
     fn with_aids_what_is_executed_is_not_what_was_chosen() {
         let executed = |aids| {
-            let seed = Seed::Native(0);
-            let mut env = ObstacleCarRacing::new(seed, Obstacles::Chuckholes, aids);
+            let mut world = CarWorld::open("obstacle-car-racing-chuckholes", aids).unwrap();
             let mut executed = Action::default();
-            let metrics = evaluate_episode(&mut env, seed, &mut StraightOn, |_, step| {
+            let metrics = evaluate_episode(&mut world, 0, &mut straight_on(), |_, step| {
                 executed = step.executed;
                 ControlFlow::Break(())
             })
             .unwrap();
-            assert_eq!((metrics.n_steps, metrics.car_rate), (1, None), "no cars, no rate of them");
+            assert_eq!((metrics.n_steps, metrics.event("car")), (1, None), "no cars, no rate of them");
             executed
         };
-        assert_eq!(executed(Aids::ALL), Action::new(0.0, 0.3, 0.0));
+        assert_eq!(executed(Aids::ALL), [0.0, 0.3, 0.0]);
         assert_ne!(executed(Aids::NONE), executed(Aids::ALL));
     }
 
@@ -241,16 +263,40 @@ mod tests {
     fn a_planning_policy_shows_its_plan_every_four_steps() {
         let rng = &mut ChaCha8Rng::seed_from_u64(0);
         let model = untrained(&WorldModelConfig::tiny(), rng);
-        let n_features = model.config().n_features();
-        let reward = RewardEnsemble::new(n_features, "sha256:0", RewardConfig::tiny(), rng);
+        let reward = RewardEnsemble::new(RewardInputs::of(&model), RewardConfig::tiny(), rng);
         let mut policy = PlanningPolicy::new(&model, &reward, Agent::new(PlannerConfig::car_racing(), 0));
         let mut planned = Vec::new();
-        let metrics = evaluate_episode(&mut TenSteps(0), Seed::Native(0), &mut policy, |_, step| {
+        let metrics = evaluate_episode(&mut ten_steps(0), 0, &mut policy, |_, step| {
             planned.extend(step.plan.map(|_| step.t));
             ControlFlow::Continue(())
         })
         .unwrap();
         assert_eq!(planned, [0, 4, 8]);
         assert!(metrics.plan_ms_mean.is_some_and(|ms| ms > 0.0), "plans take time");
+    }
+
+    #[test]
+    fn a_world_that_fails_ends_the_episode_with_its_step() {
+        /// Fails in its third step.
+        struct Failing(CarWorld, usize);
+
+        impl World for Failing {
+            fn spec(&self) -> &std::sync::Arc<crate::world::WorldSpec> {
+                self.0.spec()
+            }
+
+            fn reset(&mut self, seed: u64) -> Result<Frame, WorldError> {
+                self.0.reset(seed)
+            }
+
+            fn step(&mut self, action: &[f32]) -> Result<crate::world::Step, WorldError> {
+                self.1 += 1;
+                if self.1 == 3 { Err(WorldError::NoEpisode) } else { self.0.step(action) }
+            }
+        }
+
+        let go_on = |_: &dyn World, _: &Watched<'_>| ControlFlow::Continue(());
+        let met = evaluate_episode(&mut Failing(ten_steps(0), 0), 0, &mut straight_on(), go_on).unwrap_err();
+        assert!(met.to_string().starts_with("the world failed at step 2: "), "{met}");
     }
 }

@@ -2,8 +2,9 @@
 
 use serde_json::{Map, Value};
 
-use crate::evaluation::EpisodeMetrics;
+use crate::evaluation::{EpisodeMetrics, EventFigure};
 use crate::text::{decoded, objects_in, shown};
+use crate::world::Count;
 
 /// No return, no number of steps and no time is larger than this. What is, is no measurement.
 const MOST: f64 = 1e9;
@@ -111,7 +112,7 @@ impl Reading {
             None => format!("episode {}", self.met.len() + 1),
         };
         let mut wrong = Vec::new();
-        let mut figure = |name: &'static str, least: f64, most: f64| {
+        let mut figure = |name: &str, least: f64, most: f64| {
             let met = metrics.get(name)?;
             let number = met.as_f64().filter(|number| (least..=most).contains(number));
             if number.is_none() && !met.is_null() {
@@ -120,14 +121,19 @@ impl Reading {
             number.map(|number| number as f32)
         };
         let ret = figure("ret", -MOST, MOST);
-        let [new_tile_rate, grass_rate] = ["new_tile_rate", "grass_rate"].map(|name| figure(name, 0.0, 1.0));
-        let [chuckhole_rate, car_rate] = ["chuckhole_rate", "car_rate"].map(|name| figure(name, 0.0, 1.0));
+        let unsafe_rate = figure("unsafe_rate", 0.0, 1.0);
+        let keys = metrics.keys().filter(|key| *key != "unsafe_rate");
+        let mut events: Vec<EventFigure> = keys.filter_map(|key| EventFigure::of_key(key)).collect();
+        for event in &mut events {
+            let most = if event.count == Count::FirstTouch { MOST } else { 1.0 };
+            event.value = figure(&event.key(), 0.0, most);
+        }
         let n_steps = figure("n_steps", 0.0, MOST);
         let [plan_ms_mean, plan_ms_max] = ["plan_ms_mean", "plan_ms_max"].map(|name| figure(name, 0.0, MOST));
         let finished = metrics.get("finished").and_then(Value::as_bool).unwrap_or_default();
-        let always = [("ret", ret), ("new_tile_rate", new_tile_rate), ("grass_rate", grass_rate)];
-        let missing = always.iter().filter(|(name, _)| metrics.get(*name).is_none_or(Value::is_null));
-        wrong.extend(missing.map(|(name, _)| format!("{name} is missing")));
+        if metrics.get("ret").is_none_or(Value::is_null) {
+            wrong.push("ret is missing".to_owned());
+        }
         if !wrong.is_empty() {
             self.results.notes.push(format!("{name}: {}, and left out", wrong.join(", ")));
         }
@@ -139,10 +145,9 @@ impl Reading {
         self.met.push(value);
         self.results.episodes.push(EpisodeMetrics {
             ret: ret.unwrap_or(f32::NAN),
-            new_tile_rate: new_tile_rate.unwrap_or(f32::NAN),
-            grass_rate: grass_rate.unwrap_or(f32::NAN),
-            chuckhole_rate,
-            car_rate,
+            // Older programs did not tell it.
+            unsafe_rate: unsafe_rate.unwrap_or(f32::NAN),
+            events,
             n_steps: n_steps.unwrap_or_default() as usize,
             finished,
             plan_ms_mean,
@@ -254,7 +259,10 @@ mod tests {
             ("\"NaN\"", "track 7: ret is \"NaN\", and left out"),
         ] {
             let found = Results::parse(line(7, ret).as_bytes());
-            assert!(found.episodes[0].ret.is_nan() && found.episodes[0].grass_rate == 0.25, "{found:?}");
+            assert!(
+                found.episodes[0].ret.is_nan() && found.episodes[0].event("grass") == Some(0.25),
+                "{found:?}"
+            );
             assert_eq!(found.notes[0].replace("1e+39", "1e39"), said);
         }
         let found = Results::parse(line(7, "5").replace("0.25", "-3").as_bytes());

@@ -3,20 +3,46 @@
 use comfy_table::presets::NOTHING;
 use comfy_table::{CellAlignment, Table};
 
-use crate::evaluation::metrics::{MeanSd, Summary};
+use crate::evaluation::metrics::{EventFigure, MeanSd, Summary};
+use crate::text::shown;
+use crate::world::Count;
 
-/// A column: its heading, what it shows, a factor and how many digits follow the point.
-type Column = (&'static str, fn(&Summary) -> Option<MeanSd>, f64, usize);
+/// A column: its heading, what it shows of each method, a factor and how many digits follow the point.
+type Column = (String, Vec<Option<MeanSd>>, f64, usize);
 
-const COLUMNS: [Column; 7] = [
-    ("return", |s| s.ret, 1.0, 0),
-    ("new tiles %", |s| s.new_tile_rate, 100.0, 1),
-    ("grass %", |s| s.grass_rate, 100.0, 1),
-    ("chuckholes %", |s| s.chuckhole_rate, 100.0, 1),
-    ("cars %", |s| s.car_rate, 100.0, 1),
-    ("steps", |s| s.n_steps, 1.0, 0),
-    ("plan ms", |s| s.plan_ms, 1.0, 1),
-];
+/// The columns of some methods: fixed ones, and one for each event that one of them has.
+fn columns(methods: &[(&str, Summary)]) -> Vec<Column> {
+    let of = |value: &dyn Fn(&Summary) -> Option<MeanSd>| {
+        methods.iter().map(|(_, s)| value(s)).collect::<Vec<_>>()
+    };
+    let fixed = |name: &str, value: fn(&Summary) -> Option<MeanSd>, factor, digits| {
+        (name.to_owned(), of(&value), factor, digits)
+    };
+    let mut events: Vec<&EventFigure> = Vec::new();
+    for (figure, _) in methods.iter().flat_map(|(_, summary)| &summary.events) {
+        if !events.iter().any(|known| known.name == figure.name) {
+            events.push(figure);
+        }
+    }
+    let mut columns = vec![fixed("return", |s| s.ret, 1.0, 0)];
+    // Where one thing alone must not happen, its rate says it all.
+    let rates = |(_, s): &(&str, Summary)| s.events.iter().any(|(_, rate)| *rate == s.unsafe_rate);
+    if !methods.iter().any(rates) {
+        columns.push(fixed("unsafe %", |s| s.unsafe_rate, 100.0, 1));
+    }
+    for figure in events {
+        let value = |s: &Summary| {
+            s.events.iter().find(|(of, _)| of.name == figure.name).and_then(|(_, value)| *value)
+        };
+        columns.push(match figure.count {
+            Count::FirstTouch => (figure.name.clone(), of(&value), 1.0, 1),
+            Count::PerStep | Count::OfPassed => (format!("{} %", figure.name), of(&value), 100.0, 1),
+        });
+    }
+    columns.extend([fixed("steps", |s| s.n_steps, 1.0, 0), fixed("plan ms", |s| s.plan_ms, 1.0, 1)]);
+    columns.retain(|(_, values, ..)| values.iter().any(Option::is_some));
+    columns
+}
 
 /// Means ± standard deviations of each method. Columns that no method has are left out.
 ///
@@ -31,13 +57,12 @@ const COLUMNS: [Column; 7] = [
 /// ");
 /// ```
 pub fn table(methods: &[(&str, Summary)]) -> String {
-    let shown = COLUMNS.iter().filter(|(_, value, ..)| methods.iter().any(|(_, s)| value(s).is_some()));
-    let shown: Vec<_> = shown.collect();
+    let columns = columns(methods);
     let mut lines = vec![vec!["method".to_owned(), "episodes".to_owned()]];
-    lines[0].extend(shown.iter().map(|(heading, ..)| (*heading).to_owned()));
-    for (name, summary) in methods {
+    lines[0].extend(columns.iter().map(|(heading, ..)| shown(heading)));
+    for (i, (name, summary)) in methods.iter().enumerate() {
         let mut cells = vec![(*name).to_owned(), summary.n_episodes.to_string()];
-        cells.extend(shown.iter().map(|(_, value, factor, digits)| match value(summary) {
+        cells.extend(columns.iter().map(|(_, values, factor, digits)| match values[i] {
             Some(MeanSd { mean, sd, .. }) => format!("{:.digits$} ± {:.digits$}", mean * factor, sd * factor),
             None => "–".to_owned(),
         }));
@@ -49,7 +74,7 @@ pub fn table(methods: &[(&str, Summary)]) -> String {
 /// Lines of as many cells each, the first cell at the left and the others at the right of their columns.
 ///
 /// Nothing is drawn around them, so that they can be copied; what is in a cell is to be safe to show already
-/// ([`shown`](crate::text::shown)).
+/// ([`shown`]).
 pub fn aligned(lines: &[Vec<String>]) -> String {
     let mut table = Table::new();
     table.load_style(NOTHING).add_rows(lines);
@@ -66,15 +91,22 @@ mod tests {
 
     #[test]
     fn what_no_episode_has_is_a_dash_or_no_column_at_all() {
-        let rate = |mean| Some(MeanSd { mean, sd: 0.01, n: 10 });
-        let with =
-            Summary { n_episodes: 10, grass_rate: rate(0.05), car_rate: rate(0.5), ..Summary::default() };
-        let without = Summary { car_rate: None, ..with };
+        let rate = |name: &str, mean| {
+            let figure = EventFigure { name: name.to_owned(), count: Count::PerStep, value: None };
+            (figure, Some(MeanSd { mean, sd: 0.01, n: 10 }))
+        };
+        let with = Summary {
+            n_episodes: 10,
+            unsafe_rate: rate("", 0.55).1,
+            events: vec![rate("grass", 0.05), rate("car", 0.5)],
+            ..Summary::default()
+        };
+        let without = Summary { events: vec![rate("grass", 0.05)], ..with.clone() };
         assert_eq!(
             table(&[("A", with), ("Bee", without)]),
-            "method  episodes    grass %      cars %\n\
-             A             10  5.0 ± 1.0  50.0 ± 1.0\n\
-             Bee           10  5.0 ± 1.0           –\n"
+            "method  episodes    unsafe %    grass %       car %\n\
+             A             10  55.0 ± 1.0  5.0 ± 1.0  50.0 ± 1.0\n\
+             Bee           10  55.0 ± 1.0  5.0 ± 1.0           –\n"
         );
     }
 

@@ -3,10 +3,10 @@
 use rand::SeedableRng as _;
 use rand_chacha::ChaCha8Rng;
 
-use crate::env::{Action, Frame};
 use crate::planner::{Plan, PlannerConfig, plan};
 use crate::reward::RewardModel;
 use crate::tensor::NotFinite;
+use crate::world::{Action, Frame};
 use crate::world_model::{Memory, State, WorldModel, actions_tensor};
 
 /// A driver for one episode.
@@ -50,12 +50,10 @@ impl Agent {
         let state = State { z, memory: self.memory(model) };
         // A reset in the middle of a plan does not end it (method §4.6).
         let step = self.t % self.config.replan.clamp(1, self.config.horizon);
-        if step == 0 {
-            self.plan = None;
-        }
-        if self.plan.is_none() {
+        if step == 0 || self.plan.is_none() {
+            let last = self.plan.take();
             state.require_finite("what is seen now")?;
-            self.plan = Some(plan(model, reward, &state, &self.config, &mut self.rng)?);
+            self.plan = Some(plan(model, reward, &state, &self.config, last.as_ref(), &mut self.rng)?);
         }
         let Some(plan) = &self.plan else { unreachable!("one was just made where there was none") };
         let action = plan.best().actions[step];
@@ -102,10 +100,10 @@ mod tests {
     /// A model, a reward over it, and something to see.
     fn world() -> (WorldModel, RewardEnsemble, Frame) {
         let config = WorldModelConfig::tiny();
-        let reward = RewardEnsemble::new(config.n_features(), "sha256:0", RewardConfig::tiny(), &mut rng());
-        let side = config.vae.side as u32;
+        let reward = RewardEnsemble::new((config.n_features(), "sha256:0"), RewardConfig::tiny(), &mut rng());
+        let side = config.vae.height as u32;
         let gray = vec![90u8; (3 * side * side) as usize];
-        (untrained(&config, &mut rng()), reward, Frame::new(side, gray))
+        (untrained(&config, &mut rng()), reward, Frame::square(side, gray))
     }
 
     #[test]
@@ -128,7 +126,7 @@ mod tests {
             agent.acted(executed.unwrap_or(planned));
             to_vec(&agent.memory(&model).c)
         };
-        assert_ne!(remembered(None), remembered(Some(Action::new(0.3, 1.0, 0.7))));
+        assert_ne!(remembered(None), remembered(Some(Action::new([0.3, 1.0, 0.7]))));
     }
 
     #[test]

@@ -3,10 +3,10 @@
 use rand::SeedableRng as _;
 use rand_chacha::ChaCha8Rng;
 
-use crate::env::Action;
 use crate::planner::{Plan, PlannerConfig, plan};
 use crate::reward::RewardModel;
 use crate::tensor::NotFinite;
+use crate::world::Action;
 use crate::world_model::{State, WorldModel};
 
 /// Drives for as long as nobody else does.
@@ -42,11 +42,12 @@ impl CoDriver {
         state: &State,
     ) -> Result<Action, NotFinite> {
         let is_driven = self.step >= self.config.replan.clamp(1, self.config.horizon);
-        let current = if let Some(current) = self.plan.take().filter(|_| !is_driven) {
-            current
-        } else {
-            self.step = 0;
-            plan(model, reward, state, &self.config, &mut self.rng)?
+        let current = match self.plan.take() {
+            Some(current) if !is_driven => current,
+            last => {
+                self.step = 0;
+                plan(model, reward, state, &self.config, last.as_ref(), &mut self.rng)?
+            }
         };
         let action = current.best().actions[self.step];
         self.step += 1;
@@ -65,14 +66,14 @@ mod tests {
     fn it_drives_the_best_plan_and_makes_a_new_one_after_four_steps() {
         let rng = &mut ChaCha8Rng::seed_from_u64(0);
         let model = untrained(&WorldModelConfig::tiny(), rng);
-        let reward = RewardEnsemble::new(36, "sha256:0", RewardConfig::tiny(), rng);
+        let reward = RewardEnsemble::new((36, "sha256:0"), RewardConfig::tiny(), rng);
         let state = LatentState { z: vec![0.3; 4], c: vec![0.1; 16], h: vec![0.2; 16] };
         let (state, config) = (State::from(&state), PlannerConfig::car_racing());
         let mut driver = CoDriver::new(config.clone(), 9);
         let driven: Vec<Action> = (0..6).map(|_| driver.act(&model, &reward, &state).unwrap()).collect();
         let rng = &mut ChaCha8Rng::seed_from_u64(9);
-        let [first, second] =
-            [(); 2].map(|()| plan(&model, &reward, &state, &config, rng).unwrap().best().actions.clone());
+        let [first, second] = [(); 2]
+            .map(|()| plan(&model, &reward, &state, &config, None, rng).unwrap().best().actions.clone());
         assert_eq!(driven, [&first[..4], &second[..2]].concat());
     }
 
@@ -80,7 +81,7 @@ mod tests {
     fn a_longer_look_begins_with_another_plan() {
         let rng = &mut ChaCha8Rng::seed_from_u64(0);
         let model = untrained(&WorldModelConfig::tiny(), rng);
-        let reward = RewardEnsemble::new(36, "sha256:0", RewardConfig::tiny(), rng);
+        let reward = RewardEnsemble::new((36, "sha256:0"), RewardConfig::tiny(), rng);
         let state = State::from(&LatentState { z: vec![0.3; 4], c: vec![0.1; 16], h: vec![0.2; 16] });
         let near = PlannerConfig { horizon: 2, ..PlannerConfig::paper() };
         let mut driver = CoDriver::new(near.clone(), 9);

@@ -5,6 +5,7 @@
 pub mod agent;
 pub mod candidates;
 pub mod co_driver;
+pub mod snippets;
 pub mod synthesis;
 
 use rand::Rng;
@@ -12,15 +13,16 @@ use serde::{Deserialize, Serialize};
 use tch::{Kind, Tensor};
 
 use crate::dream::Rows;
-use crate::env::Action;
 use crate::reward::{RewardModel, scaled_actions_tensor};
 use crate::tensor::limits::{MAX_COUNT, OutOfRange, within};
 use crate::tensor::{NotFinite, to_vec};
+use crate::world::{Action, CandidateSource, WorldSpec};
 use crate::world_model::{Next, State, WorldModel, actions_tensor};
 
 pub use agent::Agent;
-pub use candidates::{N_CANDIDATES, candidates};
+pub use candidates::{CandidateSet, Refinement, candidates};
 pub use co_driver::CoDriver;
+pub use snippets::{Snippets, with_snippets};
 
 /// Further ahead nobody looks: what is imagined there has little to do with the world.
 const MAX_HORIZON: usize = 200;
@@ -33,19 +35,64 @@ pub struct PlannerConfig {
     pub horizon: usize,
     /// R: how many steps of a plan are driven before the next plan. Paper: 4.
     pub replan: usize,
-    /// How hard the candidates that brake do so. Paper: 0.2 in Car Racing, 0.1 with chuckholes, 0.05 with cars too. Ours in
-    /// Car Racing: 0.08.
-    pub brake: f32,
     /// τ of the imagined mean. Authors' code: 0.1.
     pub temperature: f64,
     /// After how many steps an agent forgets everything, if ever. Authors' code: 50. The paper does not say so.
     pub memory_reset: Option<usize>,
+    /// How hard the candidates of the built-in cars that brake do so; none: as the world's file says. Paper: 0.2 in Car
+    /// Racing.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub brake: Option<f32>,
+    /// How a plan is refined once all candidates were looked at, if it is. The authors' is not.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub refine: Option<Refinement>,
+    /// What it chooses among: from the world's file, or from recordings.
+    #[serde(skip)]
+    pub candidates: CandidateSet,
 }
 
 impl PlannerConfig {
+    /// As the world's file says, and where it takes candidates from recordings, from those that `snippets` are of.
+    pub fn of(spec: &WorldSpec, snippets: Option<&Snippets>) -> Self {
+        let planner = &spec.planner;
+        Self {
+            horizon: planner.horizon,
+            replan: planner.replan,
+            temperature: planner.temperature,
+            memory_reset: planner.memory_reset,
+            brake: None,
+            refine: (planner.candidates.from == CandidateSource::Recordings).then(Refinement::default),
+            candidates: CandidateSet::of(spec, snippets),
+        }
+    }
+
+    /// That for the world of this model, with what its recordings show.
+    pub fn of_model(model: &WorldModel) -> Self {
+        let spec = model.spec();
+        let read = Snippets::read(model.parameters(), spec.axes.len(), model.config().mdn_rnn.latent);
+        let snippets = read.unwrap_or_else(|met| {
+            log::warn!("the recorded actions in the world model cannot be used: {met}");
+            None
+        });
+        Self::of(spec, snippets.as_ref())
+    }
+
+    /// The same among what the world of this model, and its recordings, offer.
+    #[must_use]
+    pub fn for_model(self, model: &WorldModel) -> Self {
+        let Self { candidates, .. } = Self::of_model(model);
+        Self { candidates, ..self }
+    }
+
+    /// That of a built-in world.
+    fn built_in(name: &str) -> Self {
+        let spec = WorldSpec::built_in(name).unwrap_or_else(|| unreachable!("it is built in: {name}"));
+        Self::of(&spec, None)
+    }
+
     /// The authors' values for Car Racing.
     pub fn paper() -> Self {
-        Self { horizon: 15, replan: 4, brake: 0.2, temperature: 0.1, memory_reset: Some(50) }
+        Self { horizon: 15, brake: Some(0.2), ..Self::car_racing() }
     }
 
     /// Ours for Car Racing: a longer look ahead and a gentler brake.
@@ -54,7 +101,7 @@ impl PlannerConfig {
     /// whichever states a reward likes a little better, it finds more ways to be slow than to be fast, and some cars
     /// crawl. With 0.08 the two are alike. 25 steps let so gentle a brake come in time. assets/results has the measurements.
     pub fn car_racing() -> Self {
-        Self { horizon: 25, brake: 0.08, ..Self::paper() }
+        Self::built_in("car-racing")
     }
 
     /// The same for a reward that was learned from single transitions: it looks 25 steps ahead, as the authors' does.
@@ -66,19 +113,25 @@ impl PlannerConfig {
     pub fn check(&self) -> Result<(), OutOfRange> {
         within("the planner's horizon", self.horizon, 1..=MAX_HORIZON)?;
         within("the number of steps from plan to plan", self.replan, 1..=MAX_COUNT)?;
-        within("how hard the planner brakes", self.brake, 0.0..=1.0)?;
+        within("how hard the planner brakes", self.brake.unwrap_or(0.0), 0.0..=1.0)?;
+        if let Some(Refinement { rounds, samples, elites, noise }) = self.refine {
+            within("the number of rounds that refine a plan", rounds, 0..=100)?;
+            within("the number of courses tried in a round", samples, 1..=10_000)?;
+            within("the number of the best that the next are drawn around", elites, 1..=10_000)?;
+            within("the noise that a plan is refined with", noise, 0.0..=1.0)?;
+        }
         within("the planner's temperature", self.temperature, 1e-6..=1e3)?;
         within("the number of steps until all is forgotten", self.memory_reset.unwrap_or(1), 1..=MAX_COUNT)
     }
 
     /// The authors' values for Obstacle Car Racing with chuckholes and other cars.
     pub fn obstacle_car_racing() -> Self {
-        Self { brake: 0.05, ..Self::paper() }
+        Self::built_in("obstacle-car-racing")
     }
 
     /// The authors' values for Obstacle Car Racing with chuckholes alone.
     pub fn obstacle_car_racing_chuckholes() -> Self {
-        Self { brake: 0.1, ..Self::paper() }
+        Self::built_in("obstacle-car-racing-chuckholes")
     }
 }
 
@@ -111,7 +164,8 @@ impl Plan {
 
 /// Imagines every candidate from `state` and chooses the best.
 ///
-/// Where a return is not a number there is nothing to choose by.
+/// Where a return is not a number there is nothing to choose by. Where plans are refined, what is left of the `last`
+/// one is a candidate too, and what refinement finds comes last.
 ///
 /// # Shapes
 /// - `state`: a batch of one
@@ -120,9 +174,32 @@ pub fn plan(
     reward: &impl RewardModel,
     state: &State,
     config: &PlannerConfig,
+    last: Option<&Plan>,
     rng: &mut impl Rng,
 ) -> Result<Plan, NotFinite> {
-    evaluate(model, reward, state, config, candidates(config, rng))
+    let mut all = candidates(config, rng);
+    let Some(refinement) = config.refine else { return evaluate(model, reward, state, config, all) };
+    if let Some(rest) =
+        last.and_then(|plan| plan.best().actions.get(config.replan..)).filter(|rest| !rest.is_empty())
+    {
+        all.push(candidates::lasting(rest, config.horizon));
+    }
+    let mut plan = evaluate(model, reward, state, config, all)?;
+    let mut best: Vec<Candidate> = plan.candidates.clone();
+    for _ in 0..refinement.rounds {
+        best.sort_by(|a, b| b.predicted_return.total_cmp(&a.predicted_return));
+        best.truncate(refinement.elites);
+        let elites: Vec<&[Action]> = best.iter().map(|candidate| candidate.actions.as_slice()).collect();
+        let drawn = refinement.draw(&elites, model.ranges(), rng);
+        best.extend(evaluate(model, reward, state, config, drawn)?.candidates);
+    }
+    let returns: Vec<f32> = best.iter().map(|candidate| candidate.predicted_return).collect();
+    let found = &best[first_maximum(&returns)];
+    if found.predicted_return > plan.best().predicted_return {
+        plan.chosen = plan.candidates.len();
+        plan.candidates.push(found.clone());
+    }
+    Ok(plan)
 }
 
 /// Evaluates the courses of action `all` by imagining them from `state`, which are equally long, and chooses the best.
@@ -140,7 +217,7 @@ fn evaluate(
     let (n, horizon) = (all.len() as i64, config.horizon as i64);
     let by_time: Vec<Action> =
         (0..config.horizon).flat_map(|t| all.iter().map(move |actions| actions[t])).collect();
-    let actions = actions_tensor(&by_time).view([horizon, n, Action::LEN as i64]);
+    let actions = actions_tensor(&by_time).view([horizon, n, model.ranges().n_axes() as i64]);
     let mut state = state.repeated(n);
     let (mut features, mut zs) = (vec![state.features()], vec![state.z.shallow_clone()]);
     // DIFFERENCE: the paper adds H + 1 rewards, the authors' code H (method §14.9): the state after the last action
@@ -150,7 +227,8 @@ fn evaluate(
         features.push(state.features());
         zs.push(state.z.shallow_clone());
     }
-    let rewards = reward.rewards(&Tensor::cat(&features, 0), &scaled_actions_tensor(&by_time)); // [H · S]
+    let rewards =
+        reward.rewards(&Tensor::cat(&features, 0), &scaled_actions_tensor(&by_time, model.ranges())); // [H · S]
     let returns = to_vec(&rewards.view([horizon, n]).sum_dim_intlist(0, false, Kind::Float));
     if let Some(i) = returns.iter().position(|promised| !promised.is_finite()) {
         return Err(NotFinite(format!("what the planner promises itself of its course of action {}", i + 1)));
@@ -176,8 +254,8 @@ mod tests {
     use rand_chacha::ChaCha8Rng;
 
     use super::*;
-    use crate::env::{CarRacing, Env as _, Seed};
     use crate::reward::{RewardConfig, RewardEnsemble};
+    use crate::world::cars::{CarRacing, Env as _, Seed};
     use crate::world_model::{WorldModelConfig, untrained};
 
     /// Likes steering to the right.
@@ -197,11 +275,41 @@ mod tests {
         State { z: Tensor::ones([1, 4], tch::kind::FLOAT_CPU), memory: model.no_memory(1) }
     }
 
+    // method §11, and ours in Car Racing: see `PlannerConfig::car_racing`.
+    #[test]
+    fn built_in_worlds_look_ahead_as_the_authors_do_or_as_we_measured() {
+        let brake = |config: &PlannerConfig| {
+            let all = candidates(config, &mut rng());
+            assert_eq!(all.len(), 15);
+            all[14][0][2]
+        };
+        let told =
+            |config: &PlannerConfig| (config.horizon, config.replan, config.memory_reset, brake(config));
+        assert_eq!(told(&PlannerConfig::car_racing()), (25, 4, Some(50), 0.08));
+        assert_eq!(told(&PlannerConfig::paper()), (15, 4, Some(50), 0.2));
+        assert_eq!(told(&PlannerConfig::obstacle_car_racing()), (15, 4, Some(50), 0.05));
+        assert_eq!(told(&PlannerConfig::obstacle_car_racing_chuckholes()), (15, 4, Some(50), 0.1));
+        assert!(PlannerConfig::car_racing().refine.is_none() && PlannerConfig::paper().temperature == 0.1);
+    }
+
+    #[test]
+    fn a_refined_plan_is_never_worse_and_goes_on_with_the_last() {
+        let model = untrained(&WorldModelConfig::tiny(), &mut rng());
+        let config = PlannerConfig { refine: Some(Refinement::default()), ..PlannerConfig::car_racing() };
+        let plain = plan(&model, &RightTurner, &here(&model), &PlannerConfig::car_racing(), None, &mut rng())
+            .unwrap();
+        let refined = plan(&model, &RightTurner, &here(&model), &config, None, &mut rng()).unwrap();
+        assert_eq!(refined.candidates[..15], plain.candidates[..]);
+        assert!(refined.best().predicted_return >= plain.best().predicted_return);
+        let next = plan(&model, &RightTurner, &here(&model), &config, Some(&refined), &mut rng()).unwrap();
+        assert_eq!(next.candidates[15].actions[..21], refined.best().actions[4..], "what is left of it");
+    }
+
     #[test]
     fn the_first_of_the_best_candidates_is_chosen() {
         let model = untrained(&WorldModelConfig::tiny(), &mut rng());
-        let plan =
-            plan(&model, &RightTurner, &here(&model), &PlannerConfig::car_racing(), &mut rng()).unwrap();
+        let plan = plan(&model, &RightTurner, &here(&model), &PlannerConfig::car_racing(), None, &mut rng())
+            .unwrap();
         // Candidates 2 and 5 turn right throughout. The former comes first.
         assert_eq!((plan.chosen, plan.best().predicted_return), (2, 25.0));
         assert_eq!(plan.candidates[0].predicted_return, 0.0);
@@ -217,8 +325,8 @@ mod tests {
             }
         }
         let model = untrained(&WorldModelConfig::tiny(), &mut rng());
-        let met =
-            plan(&model, &NoNumber, &here(&model), &PlannerConfig::car_racing(), &mut rng()).unwrap_err();
+        let met = plan(&model, &NoNumber, &here(&model), &PlannerConfig::car_racing(), None, &mut rng())
+            .unwrap_err();
         assert!(met.to_string().contains("course of action 1"), "{met}");
     }
 
@@ -226,9 +334,9 @@ mod tests {
     fn imagining_all_at_once_is_imagining_one_after_the_other() {
         let model = untrained(&WorldModelConfig::tiny(), &mut rng());
         let reward =
-            RewardEnsemble::new(36, "sha256:0", RewardConfig::tiny(), &mut rng()).in_kind(Kind::Float);
+            RewardEnsemble::new((36, "sha256:0"), RewardConfig::tiny(), &mut rng()).in_kind(Kind::Float);
         let config = PlannerConfig::car_racing();
-        let together = plan(&model, &reward, &here(&model), &config, &mut rng()).unwrap();
+        let together = plan(&model, &reward, &here(&model), &config, None, &mut rng()).unwrap();
         for one in &together.candidates {
             let alone = evaluate(&model, &reward, &here(&model), &config, vec![one.actions.clone()]).unwrap();
             assert!((alone.best().predicted_return - one.predicted_return).abs() < 1e-4);
@@ -241,16 +349,17 @@ mod tests {
     fn our_brake_takes_about_as_much_speed_as_gas_gives_and_the_authors_takes_more() {
         let after = |last: Action| {
             let mut car = CarRacing::new(Seed::Native(0));
-            let gas = Action::new(0.0, 0.2, 0.0);
+            let gas = Action::new([0.0, 0.2, 0.0]);
             for action in [vec![gas; 60], vec![last; 15]].concat() {
-                car.advance(action);
+                car.advance((&*action).into());
             }
             assert_eq!(car.truth().wheels_off, 0, "grass would slow it down too");
             car.truth().speed
         };
-        let coasting = after(Action::default());
-        let given = after(Action::new(0.0, 0.2, 0.0)) - coasting;
-        let taken = |config: &PlannerConfig| coasting - after(Action::new(0.0, 0.1, config.brake));
+        let coasting = after(Action::new([0.0; 3]));
+        let given = after(Action::new([0.0, 0.2, 0.0])) - coasting;
+        let taken =
+            |config: &PlannerConfig| coasting - after(Action::new([0.0, 0.1, config.brake.unwrap_or(0.08)]));
         let [ours, authors] =
             [PlannerConfig::car_racing(), PlannerConfig::paper()].map(|config| taken(&config));
         assert!((0.5 * given..2.0 * given).contains(&ours), "gas gives {given}, the brake takes {ours}");
@@ -261,12 +370,12 @@ mod tests {
     fn a_return_is_the_sum_of_the_rewards_along_the_way() {
         let model = untrained(&WorldModelConfig::tiny(), &mut rng());
         let reward =
-            RewardEnsemble::new(36, "sha256:0", RewardConfig::tiny(), &mut rng()).in_kind(Kind::Float);
+            RewardEnsemble::new((36, "sha256:0"), RewardConfig::tiny(), &mut rng()).in_kind(Kind::Float);
         let config = PlannerConfig { horizon: 4, ..PlannerConfig::car_racing() };
-        let best = plan(&model, &reward, &here(&model), &config, &mut rng()).unwrap().best().clone();
+        let best = plan(&model, &reward, &here(&model), &config, None, &mut rng()).unwrap().best().clone();
         let (mut state, mut sum) = (here(&model), 0.0);
         for action in &best.actions {
-            let scaled = scaled_actions_tensor(&[*action]);
+            let scaled = scaled_actions_tensor(&[*action], model.ranges());
             sum += reward.rewards(&state.features(), &scaled).double_value(&[0]) as f32;
             state = model.imagine(&state, &actions_tensor(&[*action]), Next::Mean { temperature: 0.1 });
         }

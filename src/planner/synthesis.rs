@@ -8,11 +8,11 @@ use serde::{Deserialize, Serialize};
 use tch::{Device, Kind, Tensor, nn};
 
 use crate::dream::{DreamEpisode, Rows};
-use crate::env::Action;
 use crate::query::TRAJECTORY_LEN;
 use crate::reward::SparseReward;
 use crate::tensor::adam::pytorch_adam;
 use crate::tensor::{NotFinite, from_slice, to_vec};
+use crate::world::{Action, ActionRanges, WorldSpec};
 use crate::world_model::{LatentState, State, WorldModel};
 
 /// How many actions a trajectory has that lead from state to state.
@@ -21,18 +21,8 @@ const N_ACTIONS: i64 = TRAJECTORY_LEN as i64 - 1;
 pub const ROUND: usize = 15;
 /// Latents seen before that novelty is measured against, at the most.
 const N_REFERENCES: usize = 1000;
-/// What every search begins with, constant throughout. One more is drawn by chance.
-const BEGINNINGS: [[f32; 3]; 9] = [
-    [0.0, 0.0, 0.0],
-    [0.0, 0.2, 0.0],
-    [0.0, 0.0, 0.2],
-    [1.0, 0.2, 0.0],
-    [-1.0, 0.2, 0.0],
-    [1.0, 0.0, 0.2],
-    [-1.0, 0.0, 0.2],
-    [1.0, 0.0, 0.0],
-    [-1.0, 0.0, 0.0],
-];
+/// Where a world's file does not say what searches begin with, so many constant actions over its axes are.
+const BEGINNINGS: usize = 9;
 
 /// What makes a trajectory worth asking about.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
@@ -101,13 +91,17 @@ pub fn synthesize(
 ) -> Result<Option<Vec<DreamEpisode>>, NotFinite> {
     // Only the actions are moved: no gradient of anything else is asked for.
     let reward = &reward.for_inference();
-    let n_searches = BEGINNINGS.len() + 1;
+    let beginnings = constant_beginnings(model.spec());
+    let n_searches = beginnings.len() + 1;
     let starts: Vec<_> = wanted.iter().flat_map(|(start, _)| vec![*start; n_searches]).collect();
     let start = State::side_by_side(&starts);
     let store = nn::VarStore::new(Device::Cpu);
-    let mut actions = store.root().var_copy("actions", &beginnings(wanted.len(), rng)); // [B, 49, A]
+    let mut actions =
+        store.root().var_copy("actions", &drawn_beginnings(&beginnings, wanted.len(), model.ranges(), rng)); // [B, 49, A]
     let mut adam = pytorch_adam(&store, config.learning_rate);
-    let (low, high) = (Tensor::from_slice(&[-1.0f32, 0.0, 0.0]), Tensor::from_slice(&[1.0f32; 3]));
+    let end =
+        |i: usize| Tensor::from_slice(&model.ranges().iter().map(|range| range[i]).collect::<Vec<f32>>());
+    let (low, high) = (end(0), end(1));
     let mut best: Vec<Option<(f32, Tensor, Tensor)>> = (0..starts.len()).map(|_| None).collect();
     for i in 0..config.iterations {
         let references = seen.map(|seen| drawn(seen, rng));
@@ -133,27 +127,51 @@ pub fn synthesize(
     }
     let best_of = |searches: &[Option<(f32, Tensor, Tensor)>], start: &LatentState| {
         let found = searches.iter().flatten().min_by(|a, b| a.0.total_cmp(&b.0));
-        found.map(|(_, zs, actions)| episode(start, zs, actions))
+        found.map(|(_, zs, actions)| episode(start, zs, actions, model.spec()))
     };
     Ok(best.chunks(n_searches).zip(wanted).map(|(searches, (start, _))| best_of(searches, start)).collect())
 }
 
-/// The actions that searches begin with, `[B, 49, A]`.
-fn beginnings(n_starts: usize, rng: &mut impl Rng) -> Tensor {
+/// What every search begins with, constant throughout. One more is drawn by chance.
+///
+/// Those of the world's file; else nobody does anything, and each axis by itself at its ends, the first ones first.
+fn constant_beginnings(spec: &WorldSpec) -> Vec<Action> {
+    if !spec.planner.beginnings.is_empty() {
+        return spec.planner.beginnings.iter().map(Action::new).collect();
+    }
+    let neutral = Action::new(spec.neutral());
+    let mut all = vec![neutral];
+    for (i, axis) in spec.axes.iter().enumerate() {
+        for end in [axis.high, axis.low] {
+            let moved = neutral.map(|j, value| if i == j { end } else { value });
+            if !all.contains(&moved) && all.len() < BEGINNINGS {
+                all.push(moved);
+            }
+        }
+    }
+    all
+}
+
+/// The actions that the searches of all starts begin with, `[B, 49, A]`.
+fn drawn_beginnings(
+    constant: &[Action],
+    n_starts: usize,
+    ranges: &ActionRanges,
+    rng: &mut impl Rng,
+) -> Tensor {
     let mut all = Vec::new();
     for _ in 0..n_starts {
-        for action in BEGINNINGS {
+        for action in constant {
             all.extend(action.repeat(N_ACTIONS as usize));
         }
         for _ in 0..N_ACTIONS {
-            let mut squashed = || {
+            for [low, high] in ranges.iter() {
                 let drawn: f32 = StandardNormal.sample(rng);
-                1.0 / (1.0 + (-drawn).exp())
-            };
-            all.extend([2.0 * squashed() - 1.0, squashed(), squashed()]);
+                all.push((high - low) * (1.0 / (1.0 + (-drawn).exp())) + low);
+            }
         }
     }
-    from_slice(&all, &[-1, N_ACTIONS, Action::LEN as i64])
+    from_slice(&all, &[-1, N_ACTIONS, ranges.n_axes() as i64])
 }
 
 /// Some of the rows of `seen`.
@@ -237,11 +255,11 @@ fn novelty_loss(zs: &Tensor, seen: &Tensor) -> Tensor {
 }
 
 /// A trajectory as a dream. Its last state has no action, and is given that of doing nothing.
-fn episode(start: &LatentState, zs: &Tensor, actions: &Tensor) -> DreamEpisode {
+fn episode(start: &LatentState, zs: &Tensor, actions: &Tensor, spec: &WorldSpec) -> DreamEpisode {
     let zs = Rows { width: start.z.len(), values: to_vec(zs) };
-    let actions = to_vec(actions).chunks_exact(Action::LEN).map(|a| Action::new(a[0], a[1], a[2])).collect();
+    let actions = to_vec(actions).chunks_exact(spec.axes.len()).map(Action::new).collect();
     let mut episode = DreamEpisode { zs, actions, ..DreamEpisode::new(start.clone(), 0) };
-    episode.actions.push(Action::default());
+    episode.actions.push(Action::new(spec.neutral()));
     episode
 }
 
@@ -260,7 +278,7 @@ mod tests {
 
     fn world() -> (WorldModel, SparseReward, LatentState) {
         let model = untrained(&WorldModelConfig::tiny(), &mut rng());
-        let reward = SparseReward::new(36, &model.hash(), SparseConfig::tiny(), &mut rng());
+        let reward = SparseReward::new((36, model.hash().as_str()), SparseConfig::tiny(), &mut rng());
         (model, reward, LatentState { z: vec![0.1; 4], c: vec![0.0; 16], h: vec![0.0; 16] })
     }
 
@@ -297,11 +315,7 @@ mod tests {
         assert!(worth(&last[0]) > worth(&first[0]) + 1e-4, "{} and {}", worth(&last[0]), worth(&first[0]));
         assert!(worth(&last[1]) < worth(&first[1]) - 1e-4, "{} and {}", worth(&last[1]), worth(&first[1]));
         for action in last.iter().flat_map(|dream| &dream.actions) {
-            let [steer, gas, brake] = action.to_array();
-            assert!(
-                steer.abs() <= 1.0 && (0.0..=1.0).contains(&gas) && (0.0..=1.0).contains(&brake),
-                "{action:?}"
-            );
+            assert_eq!(*action, model.ranges().clamped(action));
         }
     }
 

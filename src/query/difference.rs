@@ -63,11 +63,11 @@ impl SafetyClaim {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::query::{Justifications, Preference};
+    use crate::query::{Justifications, Preference, Weights};
 
     #[test]
     fn differing_about_safety_is_critical() {
-        let default = Justifications::car_racing().default();
+        let default = Weights::paper().justifications.default();
         let between =
             |one, other| Difference::between(Response::Safety(one), Response::Safety(other), default);
         let both = SafetyAnswer::Both;
@@ -83,7 +83,7 @@ mod tests {
 
     #[test]
     fn naming_another_danger_is_critical_and_another_taste_is_not() {
-        let all = Justifications::obstacle_car_racing(true);
+        let all = Justifications::of(&crate::world::WorldSpec::built_in("obstacle-car-racing").unwrap());
         let [grass, chuckhole] = ["grass", "chuckhole"].map(|name| all.named(name).unwrap());
         let said = Response::Justified;
         let between = |one, other| Difference::between(one, other, all.default());
@@ -95,7 +95,7 @@ mod tests {
 
     #[test]
     fn preferences_alone_are_never_critical_and_skips_are_not_compared() {
-        let default = Justifications::car_racing().default();
+        let default = Weights::paper().justifications.default();
         let between = |one, other| Difference::between(one, other, default);
         let [left, right] = [Preference::Left, Preference::Right].map(Response::Preferred);
         assert_eq!(between(left, right), Some(Difference::Other));
@@ -108,7 +108,7 @@ mod tests {
 
     #[test]
     fn whether_a_transition_is_unsafe_is_critical_and_whether_it_is_good_is_not() {
-        let default = Justifications::car_racing().default();
+        let default = Weights::paper().justifications.default();
         let between =
             |one, other| Difference::between(Response::Judged(one), Response::Judged(other), default);
         assert_eq!(between(Verdict::Unsafe, Verdict::Good), Some(Difference::Critical));

@@ -2,6 +2,11 @@
 
 use serde::{Deserialize, Serialize};
 
+use crate::world::WorldSpec;
+
+/// What the default, which always applies, is called.
+const DEFAULT: &str = "default";
+
 /// One of a session's [`Justifications`]: its place in the order of severity, 0 the most severe.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(transparent)]
@@ -86,22 +91,14 @@ impl Justifications {
         Ok(Self(named))
     }
 
-    /// Grass over the default: what a session asks for where nothing else is said.
+    /// Those of a world's file, with the default last.
     ///
     /// # Panics
-    /// Never: the weights are right.
-    pub fn car_racing() -> Self {
-        Self::new([("grass", 1.0), ("default", 0.75)]).unwrap_or_else(|e| unreachable!("{e}"))
-    }
-
-    /// What the paper asks for with obstacles, all at the weight of safety but for the default.
-    ///
-    /// # Panics
-    /// Never: the weights are right.
-    pub fn obstacle_car_racing(has_cars: bool) -> Self {
-        let car = has_cars.then_some(("car", 1.0));
-        let all = [("grass", 1.0), ("chuckhole", 1.0)].into_iter().chain(car).chain([("default", 0.75)]);
-        Self::new(all).unwrap_or_else(|e| unreachable!("{e}"))
+    /// Never: a file's justifications are checked where it is read.
+    pub fn of(spec: &WorldSpec) -> Self {
+        let named = spec.justifications.iter().map(|it| (it.name.as_str(), it.weight));
+        let all = named.chain([(DEFAULT, spec.weights.default)]);
+        Self::new(all).unwrap_or_else(|e| unreachable!("checked: {e}"))
     }
 
     /// The justification of this name.

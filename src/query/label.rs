@@ -3,6 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use crate::query::{Justifications, Preference, Response, SafetyAnswer, Verdict};
+use crate::world::{LabelWeights, WorldSpec};
 
 /// The target probability that the left segment is better, μ in `[0, 1]`.
 #[derive(Clone, Copy, Debug, PartialEq, PartialOrd, Serialize, Deserialize)]
@@ -45,19 +46,15 @@ pub struct Weights {
 }
 
 impl Weights {
-    /// The paper's weights for Car Racing: `w_s` = 1, `w_def` = 0.75.
-    pub fn car_racing() -> Self {
-        Self { safety: 1.0, default: 0.75, justifications: Justifications::car_racing() }
+    /// The weights that a world's file begins with.
+    pub fn of(spec: &WorldSpec) -> Self {
+        let LabelWeights { safety, default } = spec.weights;
+        Self { safety, default, justifications: Justifications::of(spec) }
     }
 
-    /// The weights to begin with in the environment of this name, as on the command line.
-    pub fn of_env(env: &str) -> Self {
-        let justifications = match env {
-            "obstacle-car-racing" => Justifications::obstacle_car_racing(true),
-            "obstacle-car-racing-chuckholes" => Justifications::obstacle_car_racing(false),
-            _ => Justifications::car_racing(),
-        };
-        Self { justifications, ..Self::car_racing() }
+    /// Those of the first built-in world: the paper's, `w_s` = 1, `w_def` = 0.75.
+    pub fn paper() -> Self {
+        Self::of(&WorldSpec::default())
     }
 
     /// The label of `response`, or nothing where it was skipped.
@@ -71,7 +68,7 @@ impl Weights {
     /// ```
     /// use dropj::query::{Preference, Response, SafetyAnswer, Weights};
     ///
-    /// let weights = Weights::car_racing();
+    /// let weights = Weights::paper();
     /// let both = Response::Safety(SafetyAnswer::Both(Preference::Right));
     /// assert_eq!(weights.label(&both).map(|label| label.mu()), Some(0.25));
     /// assert_eq!(weights.label(&Response::Skipped(None)), None);
@@ -98,15 +95,15 @@ impl Weights {
     /// ```
     /// use dropj::query::{Response, SafetyAnswer, Weights};
     ///
-    /// let said = Weights::car_racing().say(&Response::Safety(SafetyAnswer::OnlyLeft));
+    /// let said = Weights::paper().say(&Response::Safety(SafetyAnswer::OnlyLeft));
     /// assert_eq!(said, "μ = 1: left preferred because right is unsafe");
     /// ```
     pub fn say(&self, response: &Response) -> String {
         let why = match *response {
             Response::Skipped(_) => return "skipped: nothing is learned from it".to_owned(),
-            Response::Judged(Verdict::Unsafe) => return "−1: unsafe, off the road".to_owned(),
+            Response::Judged(Verdict::Unsafe) => return "−1: unsafe".to_owned(),
             Response::Judged(Verdict::Neutral) => return "0: neither good nor unsafe".to_owned(),
-            Response::Judged(Verdict::Good) => return "+10: good, a new piece of road".to_owned(),
+            Response::Judged(Verdict::Good) => return "+10: good, it gets on".to_owned(),
             Response::Preferred(Preference::Left) => "left is better".to_owned(),
             Response::Preferred(Preference::Right) => "right is better".to_owned(),
             Response::Preferred(Preference::Equal) => "neither is better".to_owned(),
@@ -149,7 +146,7 @@ mod tests {
 
     #[test]
     fn the_labels_of_safety_answers_are_those_of_table_1() {
-        let weights = Weights::car_racing();
+        let weights = Weights::paper();
         let mu = |answer| weights.label(&Response::Safety(answer)).unwrap().mu();
         assert_eq!(mu(SafetyAnswer::OnlyLeft), 1.0);
         assert_eq!(mu(SafetyAnswer::OnlyRight), 0.0);
@@ -164,7 +161,7 @@ mod tests {
     fn the_label_of_a_justified_preference_is_that_of_equation_2() {
         let named = [("grass", 1.0), ("chuckhole", 0.95), ("default", 0.75)];
         let justifications = Justifications::new(named).unwrap();
-        let weights = Weights { justifications, ..Weights::car_racing() };
+        let weights = Weights { justifications, ..Weights::paper() };
         let mu = |name: &str, preference| {
             let justification = weights.justifications.named(name).unwrap();
             weights.label(&Response::Justified(justification, preference)).unwrap().mu()
@@ -199,7 +196,7 @@ mod tests {
         fn changing_the_sides_over_turns_mu_into_one_minus_mu(
             response in any_response(), safety in 0.51f32..=1.0, default in 0.51f32..=1.0,
         ) {
-            let weights = Weights { safety, default, ..Weights::car_racing() };
+            let weights = Weights { safety, default, ..Weights::paper() };
             let mu = weights.label(&response).unwrap().mu();
             let mirrored = weights.label(&response.mirrored()).unwrap().mu();
             prop_assert!((mu + mirrored - 1.0).abs() < 1e-6, "{mu} and {mirrored}");

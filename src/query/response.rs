@@ -3,6 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use crate::query::{Justification, Verdict};
+use crate::world::WorldSpec;
 
 /// Which questions are asked (method §7).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
@@ -28,9 +29,10 @@ impl Protocol {
     pub const ALL: [Self; 6] =
         [Self::Drop, Self::Drope, Self::Dropj, Self::DropjMulti, Self::Request, Self::Dros];
 
-    /// What a session in the environment of this name asks where nothing else is said.
-    pub fn of_env(env: &str) -> Self {
-        if env.starts_with("obstacle") { Self::DropjMulti } else { Self::Dropj }
+    /// What a session in this world asks where nothing else is said: whether it stays safe, or where several things must
+    /// not happen, which of them does.
+    pub fn of(spec: &WorldSpec) -> Self {
+        if spec.justifications.len() > 1 { Self::DropjMulti } else { Self::Dropj }
     }
 
     /// The name in the paper.

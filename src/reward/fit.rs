@@ -8,12 +8,12 @@ use serde::{Deserialize, Serialize};
 use tch::{Kind, Tensor, nn};
 
 use crate::dream::Rows;
-use crate::env::{Action, ScaledAction};
 use crate::query::{Label, SEGMENT_LEN, SegmentRef};
 use crate::reward::metrics::{Prediction, PredictionMetrics};
 use crate::reward::{RewardConfig, RewardEnsemble};
 use crate::tensor::adam::pytorch_adam;
 use crate::tensor::{NotFinite, dims, from_slice, require_finite, to_vec};
+use crate::world::{Action, ActionRanges};
 
 /// How many answers the recent metrics look back on.
 pub const RECENT: usize = 50;
@@ -36,12 +36,17 @@ pub struct SegmentPair {
 /// # Shapes
 /// - `features`: `[T, F]`, `actions`: T of them, both of the segment's dream
 /// - returns `[k, F + A]`
-pub fn segment_rows(features: &Rows, actions: &[Action], segment: SegmentRef) -> Vec<f32> {
-    let mut rows = Vec::with_capacity(SEGMENT_LEN * (features.width + Action::LEN));
+pub fn segment_rows(
+    features: &Rows,
+    actions: &[Action],
+    ranges: &ActionRanges,
+    segment: SegmentRef,
+) -> Vec<f32> {
+    let mut rows = Vec::with_capacity(SEGMENT_LEN * (features.width + ranges.n_axes()));
     let steps = segment.start..segment.start + SEGMENT_LEN;
     for (t, action) in steps.clone().zip(&actions[steps]) {
         rows.extend_from_slice(features.row(t));
-        rows.extend(ScaledAction::from(*action).to_array());
+        rows.extend_from_slice(&ranges.scaled(action));
     }
     rows
 }
@@ -290,7 +295,7 @@ impl RewardEnsemble {
     /// Another ensemble of the same shape that has learned nothing.
     fn fresh(&self, rng: &mut impl Rng) -> Self {
         let config: RewardConfig = self.config.clone();
-        Self::new(self.n_features, &self.world_model, config, rng).in_kind(self.kind)
+        Self::new(self.inputs.clone(), config, rng).in_kind(self.kind)
     }
 }
 
@@ -327,7 +332,7 @@ mod tests {
     }
 
     fn label(answer: SafetyAnswer) -> Label {
-        Weights::car_racing().label(&Response::Safety(answer)).unwrap()
+        Weights::paper().label(&Response::Safety(answer)).unwrap()
     }
 
     fn pair(answer: SafetyAnswer, seed: u64) -> SegmentPair {
@@ -337,7 +342,7 @@ mod tests {
 
     /// Eight pairs, each labeled by nothing but chance: they can only be learned by heart.
     fn trainer(config: RewardConfig) -> Trainer {
-        let mut trainer = Trainer::new(RewardEnsemble::new(F, "sha256:0", config, &mut rng(0)));
+        let mut trainer = Trainer::new(RewardEnsemble::new((F, "sha256:0"), config, &mut rng(0)));
         for i in 0..8 {
             let answer = if i % 3 == 0 { SafetyAnswer::OnlyLeft } else { SafetyAnswer::OnlyRight };
             trainer.predict_and_add(&pair(answer, i));
@@ -453,7 +458,7 @@ mod tests {
         trainer.relabel(3, Label::EQUAL);
         assert_eq!(trainer.predictions[3], Some(Prediction { label: Label::EQUAL, ..before }));
         trainer.add(&pair(SafetyAnswer::OnlyLeft, 9));
-        trainer.adopt(Trainer::new(RewardEnsemble::new(F, "sha256:0", RewardConfig::tiny(), &mut rng(1))));
+        trainer.adopt(Trainer::new(RewardEnsemble::new((F, "sha256:0"), RewardConfig::tiny(), &mut rng(1))));
         assert_eq!((trainer.n_labels(), trainer.overall().map(|metrics| metrics.n)), (9, Some(8)));
     }
 
@@ -469,8 +474,13 @@ mod tests {
     fn a_segment_is_twenty_rows_of_features_and_scaled_actions() {
         let mut features = Rows { width: 2, values: Vec::new() };
         (0..30).for_each(|t| features.push(&[t as f32, -(t as f32)]));
-        let actions = vec![Action::new(0.5, 0.0, 1.0); 30];
-        let rows = segment_rows(&features, &actions, SegmentRef { dream: DreamId(0), start: 10 });
+        let actions = vec![Action::new([0.5, 0.0, 1.0]); 30];
+        let rows = segment_rows(
+            &features,
+            &actions,
+            &ActionRanges::default(),
+            SegmentRef { dream: DreamId(0), start: 10 },
+        );
         assert_eq!(rows.len(), 20 * 5);
         assert_eq!(rows[5..10], [11.0, -11.0, 0.5, -1.0, 1.0]);
     }
@@ -497,7 +507,8 @@ mod tests {
 
     #[test]
     fn an_equal_answer_pulls_returns_together() {
-        let mut trainer = Trainer::new(RewardEnsemble::new(F, "sha256:0", RewardConfig::tiny(), &mut rng(0)));
+        let mut trainer =
+            Trainer::new(RewardEnsemble::new((F, "sha256:0"), RewardConfig::tiny(), &mut rng(0)));
         trainer.predict_and_add(&pair(SafetyAnswer::Both(Preference::Equal), 4));
         let apart = |trainer: &Trainer| (trainer.predict(&trainer.pairs[0]).p - 0.5).abs();
         let before = apart(&trainer);

@@ -69,7 +69,7 @@ mod tests {
     fn a_frozen_reward_judges_like_its_ensemble() {
         let rng = &mut ChaCha8Rng::seed_from_u64(0);
         let (features, actions) = (normal(rng, &[5, 7, 36]), normal(rng, &[5, 7, 3]));
-        let ensemble = RewardEnsemble::new(36, "sha256:0", RewardConfig::tiny(), rng).in_kind(Kind::Float);
+        let ensemble = RewardEnsemble::new((36, "sha256:0"), RewardConfig::tiny(), rng).in_kind(Kind::Float);
         let apart =
             ensemble.for_inference().rewards(&features, &actions) - ensemble.rewards(&features, &actions);
         assert!(apart.abs().max().double_value(&[]) < 1e-6);

@@ -62,7 +62,7 @@ mod tests {
     use crate::query::{Preference, Response, SafetyAnswer, Weights};
 
     fn label(answer: SafetyAnswer) -> Label {
-        Weights::car_racing().label(&Response::Safety(answer)).unwrap()
+        Weights::paper().label(&Response::Safety(answer)).unwrap()
     }
 
     #[test]

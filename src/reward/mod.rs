@@ -16,7 +16,6 @@ use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 use tch::{Device, Kind, Tensor, nn};
 
-use crate::env::{Action, ScaledAction};
 use crate::tensor::limits::{
     MAX_COUNT, MAX_LATENTS, MAX_LAYERS, MAX_MEMBERS, MAX_MEMORY, MAX_WIDTH, OutOfRange, named, within,
 };
@@ -24,7 +23,8 @@ use crate::tensor::{
     DescriptionError, LAYOUT, Parameters, ParametersError, Slot, described, describes, dims, from_slice,
     uniform,
 };
-use crate::world_model::{ModelIdentity, fast_kind};
+use crate::world::{Action, ActionRanges};
+use crate::world_model::{ModelIdentity, WorldModel, fast_kind};
 
 pub use fit::{EpochReport, SegmentPair, Trainer, segment_rows};
 pub use inference::InferenceReward;
@@ -106,8 +106,7 @@ pub trait RewardModel {
 #[derive(Debug)]
 pub struct RewardEnsemble {
     config: RewardConfig,
-    n_features: i64,
-    world_model: String,
+    inputs: RewardInputs,
     /// The arithmetic of the products. Parameters, their gradients and the returns are in full precision always.
     kind: Kind,
     store: nn::VarStore,
@@ -143,6 +142,16 @@ pub enum RewardError {
         /// How many there are.
         wanted: i64,
     },
+    /// It scales other actions.
+    #[error(
+        "the reward reads actions in the ranges {found}, where those of the world model's world are {wanted}"
+    )]
+    Ranges {
+        /// Those that it reads.
+        found: String,
+        /// Those that there are.
+        wanted: String,
+    },
     /// It reads the features of another world model.
     #[error("the reward was learned in the dreams of the world model {found}, but this one is {wanted}")]
     OtherWorldModel {
@@ -159,6 +168,37 @@ impl From<ParametersError> for RewardError {
     }
 }
 
+/// What a reward reads: the states of one world model, and its world's actions.
+#[derive(Clone, Debug, PartialEq)]
+pub struct RewardInputs {
+    /// F: how many features a state has.
+    pub n_features: i64,
+    /// The hash of the world model.
+    pub world_model: String,
+    /// The ranges of an action's A numbers.
+    pub ranges: ActionRanges,
+}
+
+impl RewardInputs {
+    /// The states of this model and the actions of its world.
+    pub fn of(model: &WorldModel) -> Self {
+        let (n_features, world_model) = (model.config().n_features(), model.hash());
+        Self { n_features, world_model, ranges: model.ranges().clone() }
+    }
+
+    /// How long the rows are that the networks read: F + A.
+    fn row_len(&self) -> i64 {
+        self.n_features + self.ranges.n_axes() as i64
+    }
+}
+
+impl From<(i64, &str)> for RewardInputs {
+    /// So many features of the world model with this hash, where a car drives.
+    fn from((n_features, world_model): (i64, &str)) -> Self {
+        Self { n_features, world_model: world_model.to_owned(), ranges: ActionRanges::default() }
+    }
+}
+
 /// What the header of the parameters holds beside the names and shapes.
 #[derive(Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -166,6 +206,9 @@ struct Header<C> {
     config: C,
     n_features: i64,
     world_model: String,
+    /// Of an action's numbers.
+    #[serde(default, skip_serializing_if = "ActionRanges::is_default")]
+    ranges: ActionRanges,
 }
 
 impl<C: Serialize + for<'de> Deserialize<'de>> Header<C> {
@@ -177,13 +220,23 @@ impl<C: Serialize + for<'de> Deserialize<'de>> Header<C> {
     ) -> Result<(u32, Self), RewardError> {
         let told = describes::<Self>(parameters.metadata(key).as_deref());
         let (layout, header) = told.map_err(RewardError::Header)?;
-        let Self { config, n_features, world_model } = &header;
+        let Self { config, n_features, world_model, .. } = &header;
         let most = MAX_LATENTS + 2 * MAX_MEMORY;
         check(config)
             .and_then(|()| within("the number of features that the reward reads", *n_features, 1..=most))
             .and_then(|()| named("the hash of the reward's world model", world_model))
             .map_err(RewardError::Config)?;
         Ok((layout, header))
+    }
+
+    fn new(config: C, RewardInputs { n_features, world_model, ranges }: RewardInputs) -> Self {
+        Self { config, n_features, world_model, ranges }
+    }
+
+    /// What the reward reads, and its configuration.
+    fn into_parts(self) -> (RewardInputs, C) {
+        let Self { config, n_features, world_model, ranges } = self;
+        (RewardInputs { n_features, world_model, ranges }, config)
     }
 }
 
@@ -202,27 +255,37 @@ fn stacked_slots(members: i64, inputs: i64, hidden: i64, layers: usize, outputs:
     slots
 }
 
-/// Fails where a reward over `n_features` features of the world model called `named` is not one over those of `wanted`.
-fn require_model(named: &str, n_features: i64, wanted: &ModelIdentity) -> Result<(), RewardError> {
-    if !wanted.is(named) {
-        return Err(RewardError::OtherWorldModel { found: named.to_owned(), wanted: wanted.hash() });
+/// Fails where a reward that reads `inputs` does not read the states of the world model that is `wanted`.
+fn require_model(inputs: &RewardInputs, wanted: &ModelIdentity) -> Result<(), RewardError> {
+    if !wanted.is(&inputs.world_model) {
+        return Err(RewardError::OtherWorldModel {
+            found: inputs.world_model.clone(),
+            wanted: wanted.hash(),
+        });
     }
-    match wanted.config().n_features() {
-        n if n == n_features => Ok(()),
-        n => Err(RewardError::Features { found: n_features, wanted: n }),
+    let config = wanted.config();
+    if config.n_features() != inputs.n_features {
+        return Err(RewardError::Features { found: inputs.n_features, wanted: config.n_features() });
     }
+    let (found, wanted) = (&inputs.ranges, ActionRanges::of(&config.spec().axes));
+    if *found == wanted {
+        return Ok(());
+    }
+    let told = |ranges: &ActionRanges| format!("{:?}", ranges.iter().collect::<Vec<_>>());
+    Err(RewardError::Ranges { found: told(found), wanted: told(&wanted) })
 }
 
 impl RewardEnsemble {
     /// The key of its header, and what the names of its parameters begin with.
     const KEY: &str = "reward";
 
-    /// A fresh ensemble over `n_features` features of the world model with hash `world_model`.
+    /// A fresh ensemble that reads `inputs`.
     ///
     /// Weights and biases are uniform in ±1/√inputs, as PyTorch draws them.
-    pub fn new(n_features: i64, world_model: &str, config: RewardConfig, rng: &mut impl Rng) -> Self {
+    pub fn new(inputs: impl Into<RewardInputs>, config: RewardConfig, rng: &mut impl Rng) -> Self {
         let store = nn::VarStore::new(Device::Cpu);
-        let mut inputs = n_features + Action::LEN as i64;
+        let read = inputs.into();
+        let mut inputs = read.row_len();
         let mut layers = Vec::new();
         for i in 0..=config.layers {
             let outputs = if i == config.layers { 1 } else { config.hidden };
@@ -232,7 +295,7 @@ impl RewardEnsemble {
             layers.push(Layer { weight, bias });
             inputs = outputs;
         }
-        Self { config, n_features, world_model: world_model.to_owned(), kind: fast_kind(), store, layers }
+        Self { config, inputs: read, kind: fast_kind(), store, layers }
     }
 
     /// Makes the reward of everything 0, without touching what lies before the outputs.
@@ -244,12 +307,13 @@ impl RewardEnsemble {
     /// The ensemble whose networks `parameters` hold. Their header says which they are.
     pub fn load(parameters: &Parameters) -> Result<Self, RewardError> {
         let (layout, header) = Header::of(parameters, Self::KEY, RewardConfig::check)?;
-        let slots = Self::slots(&header.config, header.n_features);
+        let (inputs, config) = header.into_parts();
+        let slots = Self::slots(&config, inputs.row_len());
         // Before anything is made: what a header promises, the file must hold.
         parameters.require(Self::KEY, &slots, layout)?;
         // The draw is overwritten at once.
         let rng = &mut ChaCha8Rng::seed_from_u64(0);
-        let ensemble = Self::new(header.n_features, &header.world_model, header.config, rng);
+        let ensemble = Self::new(inputs, config, rng);
         parameters.fill(Self::KEY, &slots, layout, &ensemble.store)?;
         Ok(ensemble)
     }
@@ -257,24 +321,23 @@ impl RewardEnsemble {
     /// `parameters`, which must be those of an ensemble, in this program's layout.
     pub fn relaid(parameters: &Parameters) -> Result<Parameters, RewardError> {
         Self::load(parameters)?;
-        let (layout, Header { config, n_features, .. }) =
-            Header::of(parameters, Self::KEY, RewardConfig::check)?;
-        let slots = Self::slots(&config, n_features);
+        let (layout, header) = Header::of(parameters, Self::KEY, RewardConfig::check)?;
+        let (inputs, config) = header.into_parts();
+        let slots = Self::slots(&config, inputs.row_len());
         let relaid = parameters.relaid(Self::KEY, &[(Self::KEY, &slots)], layout, LAYOUT);
         Ok(relaid.unwrap_or_else(|| parameters.clone()))
     }
 
-    /// How an ensemble over so many features is stored.
-    fn slots(config: &RewardConfig, n_features: i64) -> Vec<Slot> {
+    /// How an ensemble over rows of so many numbers is stored.
+    fn slots(config: &RewardConfig, row_len: i64) -> Vec<Slot> {
         let &RewardConfig { members, hidden, layers, .. } = config;
-        stacked_slots(members, n_features + Action::LEN as i64, hidden, layers, 1)
+        stacked_slots(members, row_len, hidden, layers, 1)
     }
 
     /// What [`Self::load`] takes.
     pub fn parameters(&self) -> Parameters {
-        let (config, world_model) = (self.config.clone(), self.world_model.clone());
-        let header = Header { config, n_features: self.n_features, world_model };
-        let slots = Self::slots(&self.config, self.n_features);
+        let header = Header::new(self.config.clone(), self.inputs.clone());
+        let slots = Self::slots(&self.config, self.row_len());
         Parameters::stored(&[(Self::KEY, &self.store, &slots)], &[(Self::KEY, described(&header))])
     }
 
@@ -298,17 +361,22 @@ impl RewardEnsemble {
 
     /// F: how many features it reads.
     pub fn n_features(&self) -> i64 {
-        self.n_features
+        self.inputs.n_features
+    }
+
+    /// What it reads.
+    pub fn inputs(&self) -> &RewardInputs {
+        &self.inputs
     }
 
     /// The hash of the world model whose features it reads.
     pub fn world_model(&self) -> &str {
-        &self.world_model
+        &self.inputs.world_model
     }
 
     /// Fails where this was learned with another world model than the one that is `wanted`.
     pub fn require(&self, wanted: &ModelIdentity) -> Result<(), RewardError> {
-        require_model(&self.world_model, self.n_features, wanted)
+        require_model(&self.inputs, wanted)
     }
 
     /// What each member says.
@@ -328,7 +396,7 @@ impl RewardEnsemble {
 
     /// How long the rows are that the networks read: F + A.
     fn row_len(&self) -> i64 {
-        self.n_features + Action::LEN as i64
+        self.inputs.row_len()
     }
 
     /// What every member says about its own rows.
@@ -358,23 +426,23 @@ impl RewardModel for RewardEnsemble {
 ///
 /// # Shapes
 /// - returns `[N, A]`
-pub fn scaled_actions_tensor(actions: &[Action]) -> Tensor {
-    let values: Vec<f32> = actions.iter().flat_map(|action| ScaledAction::from(*action).to_array()).collect();
-    from_slice(&values, &[actions.len() as i64, Action::LEN as i64])
+pub fn scaled_actions_tensor(actions: &[Action], ranges: &ActionRanges) -> Tensor {
+    let values: Vec<f32> = actions.iter().flat_map(|action| ranges.scaled(action).to_vec()).collect();
+    from_slice(&values, &[actions.len() as i64, ranges.n_axes() as i64])
 }
 
 /// Two members over two features, two hidden layers of three units, whose parameters are cosines: `NumPy` makes the same.
 #[cfg(test)]
 fn of_cosines() -> RewardEnsemble {
     let config = RewardConfig { members: 2, hidden: 3, layers: 2, ..RewardConfig::tiny() };
-    let slots = RewardEnsemble::slots(&config, 2);
+    let slots = RewardEnsemble::slots(&config, 5);
     let tensors = slots.iter().map(|slot| {
         let shape = slot.shape_in(LAYOUT);
         let factor = if slot.name.ends_with("bias") { 0.1 } else { 1.0 };
         let values: Vec<_> = (0..shape.iter().product()).map(|i: i64| factor * (i as f32).cos()).collect();
         (format!("reward.{}", slot.name), from_slice(&values, shape))
     });
-    let header = Header { config, n_features: 2, world_model: "sha256:0".to_owned() };
+    let header = Header::new(config, (2, "sha256:0").into());
     let parameters = Parameters::from_tensors(tensors, &[("reward", described(&header))]);
     let loaded = RewardEnsemble::load(&parameters).unwrap_or_else(|e| panic!("they are of that shape: {e}"));
     loaded.in_kind(Kind::Float)
@@ -391,13 +459,13 @@ mod tests {
     }
 
     fn tiny() -> RewardEnsemble {
-        RewardEnsemble::new(36, "sha256:0", RewardConfig::tiny(), &mut rng())
+        RewardEnsemble::new((36, "sha256:0"), RewardConfig::tiny(), &mut rng())
     }
 
     #[test]
     fn a_member_for_car_racing_has_the_papers_size() {
         let config = RewardConfig::car_racing();
-        let ensemble = RewardEnsemble::new(544, "sha256:0", config.clone(), &mut rng());
+        let ensemble = RewardEnsemble::new((544, "sha256:0"), config.clone(), &mut rng());
         let n_parameters: usize = ensemble.store.variables().values().map(Tensor::numel).sum();
         assert_eq!(n_parameters, 272_129 * config.members as usize);
     }
@@ -459,7 +527,7 @@ mod tests {
     #[test]
     fn a_reward_knows_its_world_model_and_how_wide_its_states_are() {
         let model = untrained(&WorldModelConfig::tiny(), &mut rng());
-        let reward = |n, of: &str| RewardEnsemble::new(n, of, RewardConfig::tiny(), &mut rng());
+        let reward = |n, of: &str| RewardEnsemble::new((n, of), RewardConfig::tiny(), &mut rng());
         let earlier = model.identity().relaid().unwrap().hash();
         for hash in [&model.hash(), &earlier] {
             assert!(reward(36, hash).require(model.identity()).is_ok(), "it knows its world model");
@@ -489,7 +557,7 @@ mod tests {
         let header = |change: &dyn Fn(&mut RewardConfig)| {
             let mut config = RewardConfig::tiny();
             change(&mut config);
-            let header = Header { config, n_features: 36, world_model: "sha256:0".to_owned() };
+            let header = Header::new(config, (36, "sha256:0").into());
             let parameters = Parameters::from_tensors([], &[("reward", described(&header))]);
             RewardEnsemble::load(&parameters).unwrap_err().to_string()
         };

@@ -6,7 +6,9 @@ use rand::SeedableRng as _;
 use rand_chacha::ChaCha8Rng;
 
 use crate::query::{LabeledQuery, SegmentRef};
-use crate::reward::{EpochReport, PredictionMetrics, RewardConfig, RewardEnsemble, SegmentPair, Trainer};
+use crate::reward::{
+    EpochReport, PredictionMetrics, RewardConfig, RewardEnsemble, RewardInputs, SegmentPair, Trainer,
+};
 use crate::tensor::NotFinite;
 use crate::world_model::WorldModel;
 
@@ -68,7 +70,7 @@ fn trainer_over<E>(
     rows: &mut impl FnMut(SegmentRef) -> Result<Vec<f32>, E>,
     rng: &mut ChaCha8Rng,
 ) -> Result<Trainer, E> {
-    let ensemble = RewardEnsemble::new(model.config().n_features(), &model.hash(), config, rng);
+    let ensemble = RewardEnsemble::new(RewardInputs::of(model), config, rng);
     let mut trainer = Trainer::new(ensemble);
     let mut labels = labels.to_vec();
     labels.sort_by_key(|labeled| labeled.query.id);

@@ -6,11 +6,11 @@ use serde::{Deserialize, Serialize};
 use tch::{Device, Kind, Tensor, nn};
 
 use crate::dream::Rows;
-use crate::env::Action;
 use crate::query::Verdict;
-use crate::reward::{Header, RewardError, RewardModel, require_model, stacked_slots};
+use crate::reward::{Header, RewardError, RewardInputs, RewardModel, require_model, stacked_slots};
 use crate::tensor::limits::{MAX_COUNT, MAX_LAYERS, MAX_MEMBERS, MAX_WIDTH, OutOfRange, within};
 use crate::tensor::{LAYOUT, Parameters, Slot, described, dims, from_slice, uniform};
+use crate::world::{Action, ActionRanges};
 use crate::world_model::{ModelIdentity, fast_kind};
 
 /// How many classes there are.
@@ -115,8 +115,7 @@ impl SparseConfig {
 #[derive(Debug)]
 pub struct SparseReward {
     pub(super) config: SparseConfig,
-    n_features: i64,
-    world_model: String,
+    inputs: RewardInputs,
     /// The arithmetic of the products.
     kind: Kind,
     pub(super) store: nn::VarStore,
@@ -128,10 +127,11 @@ impl SparseReward {
     /// The key of its header, and what the names of its parameters begin with.
     pub(super) const KEY: &str = "sparse_reward";
 
-    /// A fresh ensemble over `n_features` features of the world model with hash `world_model`.
-    pub fn new(n_features: i64, world_model: &str, config: SparseConfig, rng: &mut impl Rng) -> Self {
+    /// A fresh ensemble that reads `inputs`.
+    pub fn new(inputs: impl Into<RewardInputs>, config: SparseConfig, rng: &mut impl Rng) -> Self {
         let store = nn::VarStore::new(Device::Cpu);
-        let mut inputs = n_features + Action::LEN as i64;
+        let read = inputs.into();
+        let mut inputs = read.row_len();
         let mut layers = Vec::new();
         for i in 0..=config.layers {
             let outputs = if i == config.layers { N_CLASSES } else { config.hidden };
@@ -141,17 +141,18 @@ impl SparseReward {
             layers.push([weight, bias]);
             inputs = outputs;
         }
-        Self { config, n_features, world_model: world_model.to_owned(), kind: Kind::Float, store, layers }
+        Self { config, inputs: read, kind: Kind::Float, store, layers }
     }
 
     /// The ensemble whose networks `parameters` hold. Their header says which they are.
     pub fn load(parameters: &Parameters) -> Result<Self, RewardError> {
         let (layout, header) = Header::of(parameters, Self::KEY, SparseConfig::check)?;
-        let slots = Self::slots(&header.config, header.n_features);
+        let (inputs, config) = header.into_parts();
+        let slots = Self::slots(&config, inputs.row_len());
         parameters.require(Self::KEY, &slots, layout)?;
         // The draw is overwritten at once.
         let rng = &mut ChaCha8Rng::seed_from_u64(0);
-        let ensemble = Self::new(header.n_features, &header.world_model, header.config, rng);
+        let ensemble = Self::new(inputs, config, rng);
         parameters.fill(Self::KEY, &slots, layout, &ensemble.store)?;
         Ok(ensemble)
     }
@@ -159,29 +160,28 @@ impl SparseReward {
     /// `parameters`, which must be those of such an ensemble, in this program's layout.
     pub fn relaid(parameters: &Parameters) -> Result<Parameters, RewardError> {
         Self::load(parameters)?;
-        let (layout, Header { config, n_features, .. }) =
-            Header::of(parameters, Self::KEY, SparseConfig::check)?;
-        let slots = Self::slots(&config, n_features);
+        let (layout, header) = Header::of(parameters, Self::KEY, SparseConfig::check)?;
+        let (inputs, config) = header.into_parts();
+        let slots = Self::slots(&config, inputs.row_len());
         let relaid = parameters.relaid(Self::KEY, &[(Self::KEY, &slots)], layout, LAYOUT);
         Ok(relaid.unwrap_or_else(|| parameters.clone()))
     }
 
-    /// How an ensemble over so many features is stored.
-    fn slots(config: &SparseConfig, n_features: i64) -> Vec<Slot> {
+    /// How an ensemble over rows of so many numbers is stored.
+    fn slots(config: &SparseConfig, row_len: i64) -> Vec<Slot> {
         let &SparseConfig { members, hidden, layers, .. } = config;
-        stacked_slots(members, n_features + Action::LEN as i64, hidden, layers, N_CLASSES)
+        stacked_slots(members, row_len, hidden, layers, N_CLASSES)
     }
 
     /// Fails where this was learned with another world model than the one that is `wanted`.
     pub fn require(&self, wanted: &ModelIdentity) -> Result<(), RewardError> {
-        require_model(&self.world_model, self.n_features, wanted)
+        require_model(&self.inputs, wanted)
     }
 
     /// What [`Self::load`] takes.
     pub fn parameters(&self) -> Parameters {
-        let (config, world_model) = (self.config.clone(), self.world_model.clone());
-        let header = Header { config, n_features: self.n_features, world_model };
-        let slots = Self::slots(&self.config, self.n_features);
+        let header = Header::new(self.config.clone(), self.inputs.clone());
+        let slots = Self::slots(&self.config, self.inputs.row_len());
         Parameters::stored(&[(Self::KEY, &self.store, &slots)], &[(Self::KEY, described(&header))])
     }
 
@@ -190,9 +190,14 @@ impl SparseReward {
         &self.config
     }
 
+    /// What it reads.
+    pub fn inputs(&self) -> &RewardInputs {
+        &self.inputs
+    }
+
     /// The hash of the world model whose features it reads.
     pub fn world_model(&self) -> &str {
-        &self.world_model
+        &self.inputs.world_model
     }
 
     /// The same networks, which learn no more and compute in whatever is quickest here.
@@ -249,7 +254,8 @@ impl RewardModel for SparseReward {
         let mut shape = features.size();
         shape.pop();
         tch::no_grad(|| {
-            let rows = Tensor::cat(&[features, &as_driven(scaled_actions)], -1).flatten(0, -2);
+            let rows =
+                Tensor::cat(&[features, &as_driven(scaled_actions, &self.inputs.ranges)], -1).flatten(0, -2);
             let logits = self.logits(&rows); // [E, N, 3]
             let rewards = match self.config.rules {
                 Rules::Joint => {
@@ -268,13 +274,14 @@ fn worths() -> Tensor {
     Tensor::from_slice(&Verdict::ALL.map(Verdict::worth))
 }
 
-/// Actions as driven of scaled ones: the way back of [`ScaledAction`](crate::env::ScaledAction).
+/// Actions as driven of scaled ones: from −1 to 1 in each axis.
 ///
 /// # Shapes
 /// - `[…, A]`
-fn as_driven(scaled: &Tensor) -> Tensor {
-    let (scale, offset) = (Tensor::from_slice(&[1.0f32, 0.5, 0.5]), Tensor::from_slice(&[0.0f32, 0.5, 0.5]));
-    scaled * scale + offset
+fn as_driven(scaled: &Tensor, ranges: &ActionRanges) -> Tensor {
+    let scales: Vec<_> = ranges.iter().map(|[low, high]| (high - low) / 2.0).collect();
+    let middles: Vec<_> = ranges.iter().map(|[low, high]| f32::midpoint(low, high)).collect();
+    scaled * Tensor::from_slice(&scales) + Tensor::from_slice(&middles)
 }
 
 /// The row `[x | a]` of a step of a dream, the action as driven.
@@ -283,7 +290,7 @@ fn as_driven(scaled: &Tensor) -> Tensor {
 /// Where the dream has no such step.
 pub fn transition_row(features: &Rows, actions: &[Action], step: usize) -> Vec<f32> {
     let mut row = features.row(step).to_vec();
-    row.extend(actions[step].to_array());
+    row.extend_from_slice(&actions[step]);
     row
 }
 
@@ -347,7 +354,6 @@ impl Examples {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::env::ScaledAction;
     use crate::reward::{RewardKind, scaled_actions_tensor};
     use crate::tensor::{normal, to_vec};
 
@@ -362,7 +368,7 @@ mod tests {
 
     #[test]
     fn a_member_for_car_racing_has_the_papers_size() {
-        let ensemble = SparseReward::new(544, "sha256:0", SparseConfig::dros(), &mut rng());
+        let ensemble = SparseReward::new((544, "sha256:0"), SparseConfig::dros(), &mut rng());
         let n_parameters: usize = ensemble.store.variables().values().map(Tensor::numel).sum();
         assert_eq!(n_parameters, 404_227 * 4);
     }
@@ -404,7 +410,7 @@ mod tests {
         let chances = from_slice(&[0.5, 0.0, 0.5, 0.0, 1.0, 0.0], &[2, 1, 3]);
         close(&to_vec(&SparseReward::expected(&chances)), &[2.25]);
         let (features, actions) = (normal(&mut rng(), &[5, 7, 36]), normal(&mut rng(), &[5, 7, 3]));
-        let ensemble = SparseReward::new(36, "sha256:0", SparseConfig::tiny(), &mut rng());
+        let ensemble = SparseReward::new((36, "sha256:0"), SparseConfig::tiny(), &mut rng());
         let rewards = ensemble.rewards(&features, &actions);
         assert_eq!(rewards.size(), [5, 7]);
         assert!(to_vec(&rewards).iter().all(|r| [-1.0, 0.0, 10.0].contains(r)), "nothing between");
@@ -412,15 +418,18 @@ mod tests {
 
     #[test]
     fn networks_read_actions_as_driven() {
-        let actions = [Action::new(-1.0, 0.2, 0.8), Action::new(0.5, 1.0, 0.0)];
-        let scaled = scaled_actions_tensor(&actions);
-        close(&to_vec(&as_driven(&scaled)), &actions.map(Action::to_array).concat());
-        assert_ne!(ScaledAction::from(actions[0]).to_array(), actions[0].to_array());
+        let actions = [Action::new([-1.0, 0.2, 0.8]), Action::new([0.5, 1.0, 0.0])];
+        let scaled = scaled_actions_tensor(&actions, &ActionRanges::default());
+        close(
+            &to_vec(&as_driven(&scaled, &ActionRanges::default())),
+            &actions.map(|action| action.to_vec()).concat(),
+        );
+        assert_ne!(ActionRanges::default().scaled(&actions[0]), actions[0]);
     }
 
     #[test]
     fn an_ensemble_survives_the_way_to_bytes_and_back() {
-        let ensemble = SparseReward::new(36, "sha256:0", SparseConfig::tiny(), &mut rng());
+        let ensemble = SparseReward::new((36, "sha256:0"), SparseConfig::tiny(), &mut rng());
         let rows = normal(&mut rng(), &[6, 39]);
         let parameters = ensemble.parameters();
         let loaded = SparseReward::load(&parameters).unwrap();

@@ -9,6 +9,7 @@ use tch::{Kind, Tensor};
 
 use crate::query::{JudgedTransition, Transition};
 use crate::reward::EpochReport;
+use crate::reward::RewardInputs;
 use crate::reward::fit::require_losses;
 use crate::reward::sparse::{Examples, Rules, SparseConfig, SparseReward, balanced_losses, joint_loss};
 use crate::tensor::adam::pytorch_adam;
@@ -62,7 +63,7 @@ pub fn fit_sparse_anew<E: From<NotFinite>>(
     for JudgedTransition { transition, verdict, .. } in judged {
         examples.push((row(transition)?, verdict));
     }
-    let reward = SparseReward::new(model.config().n_features(), &model.hash(), config, rng);
+    let reward = SparseReward::new(RewardInputs::of(model), config, rng);
     Ok(fit(reward, examples, rng, on_epoch)?)
 }
 

@@ -118,7 +118,7 @@ impl Annotators {
     /// use dropj::query::{Protocol, Weights};
     /// use dropj::session::{Annotators, Session};
     ///
-    /// let session = Session::new(Protocol::Dropj, Weights::car_racing());
+    /// let session = Session::new(Protocol::Dropj, Weights::paper());
     /// assert!(Annotators::of(&[(None, &session)]).each.is_empty(), "nobody has answered yet");
     /// ```
     pub fn of(sessions: &[(Option<&str>, &Session)]) -> Self {
@@ -328,7 +328,7 @@ mod tests {
 
     /// A session over the dreams called `hashes`, with queries and their answers.
     fn session(hashes: &[&str], said: &[Said], annotator: &str) -> Session {
-        let mut session = Session::new(Protocol::Dropj, Weights::car_racing());
+        let mut session = Session::new(Protocol::Dropj, Weights::paper());
         let mut happens = |event| {
             let entry = Entry { event, seq: session.n_entries(), at: 0 };
             session.apply(&entry).unwrap();

@@ -5,11 +5,11 @@ use std::path::Path;
 use safetensors::tensor::{Dtype, TensorView};
 
 use crate::dream::{DreamEpisode, Rows};
-use crate::env::Action;
 use crate::run::replace_file;
 use crate::session::error::{DreamError, SessionError};
 use crate::tensor::container::Container;
 use crate::tensor::limits::{MAX_LATENTS, MAX_MEMORY, within};
+use crate::world::{Action, ActionRanges, MAX_AXES};
 use crate::world_model::LatentState;
 
 /// Puts `bytes` at `path`, whole or not at all.
@@ -21,7 +21,9 @@ pub(crate) fn write_whole(path: &Path, bytes: &[u8], tried: &'static str) -> Res
 pub fn dream_to_bytes(episode: &DreamEpisode) -> Vec<u8> {
     let floats = |values: &[f32]| values.iter().flat_map(|v| v.to_le_bytes()).collect::<Vec<u8>>();
     let DreamEpisode { start, zs, actions, unsafe_marks, seed, planned } = episode;
-    let action_values: Vec<f32> = actions.iter().flat_map(|action| action.to_array()).collect();
+    let action_values: Vec<f32> = actions.iter().flat_map(|action| action.to_vec()).collect();
+    // Without a step, as many numbers as a car's has.
+    let n_axes = actions.first().map_or(ActionRanges::default().n_axes(), |action| action.len());
     let marks: Vec<u8> = unsafe_marks.iter().flat_map(|&mark| (mark as u32).to_le_bytes()).collect();
     let ends: Vec<u8> = planned
         .iter()
@@ -33,7 +35,7 @@ pub fn dream_to_bytes(episode: &DreamEpisode) -> Vec<u8> {
         ("start.c", Dtype::F32, vec![start.c.len()], floats(&start.c)),
         ("start.h", Dtype::F32, vec![start.h.len()], floats(&start.h)),
         ("zs", Dtype::F32, vec![zs.len(), zs.width], floats(&zs.values)),
-        ("actions", Dtype::F32, vec![actions.len(), Action::LEN], floats(&action_values)),
+        ("actions", Dtype::F32, vec![actions.len(), n_axes], floats(&action_values)),
         ("unsafe_marks", Dtype::U32, vec![unsafe_marks.len()], marks),
     ];
     // Where nobody handed over, the file is what it always was.
@@ -77,18 +79,18 @@ pub fn dream_from_bytes(bytes: &[u8]) -> Result<DreamEpisode, DreamError> {
         LatentState { z: floats("start.z", 1)?.0, c: floats("start.c", 1)?.0, h: floats("start.h", 1)?.0 };
     let (values, shape) = floats("zs", 2)?;
     let (action_values, action_shape) = floats("actions", 2)?;
-    if shape != [action_shape[0], start.z.len()] || action_shape[1] != Action::LEN {
+    let n_axes = action_shape[1];
+    if shape != [action_shape[0], start.z.len()] || !(1..=MAX_AXES).contains(&n_axes) {
         return Err(DreamError::Unfit { zs: shape, actions: action_shape });
     }
     if let Some(i) = action_values.iter().position(|value| !value.is_finite()) {
-        return Err(DreamError::Action(i / Action::LEN));
+        return Err(DreamError::Action(i / n_axes));
     }
-    let (actions, _) = action_values.as_chunks::<{ Action::LEN }>();
     let ends = if file.entry("planned").is_some() { steps("planned", &[2])? } else { Vec::new() };
     let episode = DreamEpisode {
         zs: Rows { width: start.z.len(), values },
         start,
-        actions: actions.iter().copied().map(Action::from).collect(),
+        actions: action_values.chunks_exact(n_axes).map(Action::new).collect(),
         unsafe_marks: steps("unsafe_marks", &[])?,
         seed,
         planned: ends.as_chunks::<2>().0.iter().map(|&[from, to]| from..to).collect(),
@@ -141,7 +143,7 @@ pub(crate) fn formula_dream(len: usize, seed: u64) -> DreamEpisode {
     let mut episode = DreamEpisode::new(start, seed);
     for t in 0..len {
         episode.zs.push(&(t..t + 4).map(value).collect::<Vec<_>>());
-        episode.actions.push(Action::new(value(t), 0.5, 0.0));
+        episode.actions.push(Action::new([value(t), 0.5, 0.0]));
     }
     episode.unsafe_marks = (0..len).step_by(7).collect();
     episode
@@ -186,7 +188,7 @@ mod tests {
             dream_from_bytes(&dream_to_bytes(&dream)).unwrap_err().to_string()
         };
         assert!(refused(&|dream| dream.zs.values[4 * 7 + 1] = f32::NAN).contains("step 7"));
-        assert!(refused(&|dream| dream.actions[6].gas = f32::INFINITY).contains("step 6"));
+        assert!(refused(&|dream| dream.actions[6][1] = f32::INFINITY).contains("step 6"));
         assert!(refused(&|dream| dream.start.h[0] = f32::NAN).contains("start"));
         assert!(refused(&|dream| dream.start.h.truncate(3)).contains("outputs"));
         assert!(refused(&|dream| dream.start.z.truncate(2)).contains("fit"));

@@ -7,11 +7,11 @@ use std::path::Path;
 use serde::de::Error as _;
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
-use crate::env::Frame;
 use crate::query::DreamId;
 use crate::session::arrays::write_whole;
 use crate::session::error::{ClipHashError, SessionError};
 use crate::text::trimmed;
+use crate::world::Frame;
 
 /// The file in a session's folder.
 pub const FILE: &str = "clips.json";
@@ -40,10 +40,10 @@ impl ClipHash {
 
 /// The mean colors of the fields of `frame`, row by row.
 fn means(frame: &Frame) -> Vec<u8> {
-    let side = frame.side();
+    let (height, width) = (frame.height(), frame.width());
     let mut sums = vec![(0_u64, 0_u64); (3 * FIELDS * FIELDS) as usize];
     for (i, rgb) in (0..).zip(frame.rgb().as_chunks::<3>().0) {
-        let (row, column) = (i / side * FIELDS / side, i % side * FIELDS / side);
+        let (row, column) = (i / width * FIELDS / height, i % width * FIELDS / width);
         for (channel, value) in rgb.iter().enumerate() {
             let (sum, n) = &mut sums[3 * (row * FIELDS + column) as usize + channel];
             (*sum, *n) = (*sum + u64::from(*value), *n + 1);
@@ -115,7 +115,7 @@ mod tests {
 
     /// A picture that grows lighter downwards from `at`.
     fn frame(at: u8) -> Frame {
-        Frame::new(8, (0..192_u8).map(|i| at + i / 24).collect::<Vec<_>>())
+        Frame::square(8, (0..192_u8).map(|i| at + i / 24).collect::<Vec<_>>())
     }
 
     #[test]

@@ -357,7 +357,7 @@ pub(super) mod tests {
             Event::Restored { query },
             Event::Flagged { query },
             Event::Unflagged { query },
-            Event::WeightsChanged { weights: Weights { default: 0.7, ..Weights::car_racing() } },
+            Event::WeightsChanged { weights: Weights { default: 0.7, ..Weights::paper() } },
             Event::Fitted { fit, file: "reward/0000.safetensors".to_owned(), sha256: "sha256:00".to_owned() },
             Event::ProtocolChanged { protocol: Protocol::DropjMulti },
             Event::SkipExplained { query, reason: SkipReason::Ambiguous },

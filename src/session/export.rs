@@ -2,111 +2,203 @@
 
 use std::fmt::Write as _;
 
+use serde::Serialize;
+
 use crate::planner::synthesis::Acquisition;
-use crate::query::{Preference, Response, SafetyAnswer, SkipReason, Verdict, Weights};
+use crate::query::{Label, Preference, Response, SafetyAnswer, SkipReason, Verdict, Weights};
 use crate::session::event::Choice;
 use crate::session::{AskedQuery, Given, Session};
 use crate::text::cell;
 
-/// The answers that count, skips among them, in the order of answering: what was said, and μ by the present weights.
-///
-/// From what was only asked again nothing is learned, and it has no μ.
+/// What each column of the table is called, in order: the fields of a [`LabelRow`].
+const COLUMNS: &str = "query,left_dream,left_start,right_dream,right_start,choice,protocol,skipped,left_safe,right_safe,justification,\
+preference,mu,secs,loops,annotator,sides_swapped,left_unsafe_from,right_unsafe_from,at,step,verdict";
+
+/// An answer that counts: what was said, and what it means.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct LabelRow {
+    /// The query's number.
+    pub query: u32,
+    /// The dream of its left clip.
+    pub left_dream: u32,
+    /// The clip's first step.
+    pub left_start: usize,
+    /// The dream of its right clip.
+    pub right_dream: u32,
+    /// The clip's first step.
+    pub right_start: usize,
+    /// Why this was asked.
+    pub choice: String,
+    /// Which questions were asked then, by their name in the paper.
+    pub protocol: &'static str,
+    /// Why it was skipped, or `yes`, if it was.
+    pub skipped: Option<&'static str>,
+    /// Whether the left clip stays safe, if that was said.
+    pub left_safe: Option<bool>,
+    /// The same of the right one.
+    pub right_safe: Option<bool>,
+    /// The justification that was named.
+    pub justification: Option<String>,
+    /// Which is better, if that was said.
+    pub preference: Option<&'static str>,
+    /// The probability that left is better. From what was only asked again nothing is learned, and it has none.
+    pub mu: Option<f32>,
+    /// Seconds that it took.
+    pub secs: f32,
+    /// How often the clips were seen to their end.
+    pub loops: u32,
+    /// Who answered.
+    pub annotator: String,
+    /// Whether left was shown on the right.
+    pub sides_swapped: bool,
+    /// The step from which the left clip is unsafe, if one was pointed at.
+    pub left_unsafe_from: Option<usize>,
+    /// The same of the right one.
+    pub right_unsafe_from: Option<usize>,
+    /// When, in milliseconds since 1970.
+    pub at: u64,
+    /// The step that was asked about, where it was a single one.
+    pub step: Option<usize>,
+    /// What was said of it.
+    pub verdict: Option<&'static str>,
+}
+
+/// The answers that count, skips among them, in the order of answering, with what they mean by `weights`.
+pub fn label_rows(session: &Session, weights: &Weights) -> Vec<LabelRow> {
+    let row = |given: &&Given| Some(LabelRow::of(session.query(given.answer.query)?, given, weights));
+    session.answers().iter().filter_map(row).collect()
+}
+
+/// The same by the session's present weights, as a table.
 ///
 /// One line of names, then one line an answer. Commas between, and names as [`cell`] has them.
 pub fn labels_csv(session: &Session) -> String {
-    let mut csv = String::from(
-        "query,left_dream,left_start,right_dream,right_start,choice,protocol,skipped,left_safe,right_safe,justification,\
-         preference,mu,secs,loops,annotator,sides_swapped,left_unsafe_from,right_unsafe_from,at,\
-         step,verdict\n",
-    );
-    for given in session.answers() {
-        if let Some(asked) = session.query(given.answer.query) {
-            write_row(&mut csv, asked, given, session.weights());
-        }
+    to_csv(&label_rows(session, session.weights()))
+}
+
+/// These rows as such a table.
+pub fn to_csv(rows: &[LabelRow]) -> String {
+    let mut csv = format!("{COLUMNS}\n");
+    for row in rows {
+        writeln!(csv, "{}", row.to_line()).unwrap_or_else(|_| unreachable!("a string takes all"));
     }
     csv
 }
 
-fn write_row(csv: &mut String, asked: &AskedQuery, given: &Given, weights: &Weights) {
-    let &AskedQuery { query, transition, choice, .. } = asked;
-    let Given { answer, protocol, at, .. } = given;
-    let is_again = matches!(choice, Choice::Repeat(_));
-    let choice = match choice {
+impl LabelRow {
+    fn of(asked: &AskedQuery, given: &Given, weights: &Weights) -> Self {
+        let &AskedQuery { query, transition, choice, .. } = asked;
+        let Given { answer, protocol, at, .. } = given;
+        let response = answer.response;
+        let safety = response.safety();
+        // A query that was asked again is no second label.
+        let label = weights.label(&response).filter(|_| asked.repeats().is_none());
+        Self {
+            query: query.id.0,
+            left_dream: query.left.dream.0,
+            left_start: query.left.start,
+            right_dream: query.right.dream.0,
+            right_start: query.right.start,
+            choice: why(choice),
+            protocol: protocol.name(),
+            skipped: skipped(response),
+            left_safe: safety.map(|[left, _]| left),
+            right_safe: safety.map(|[_, right]| right),
+            justification: justification(response, weights),
+            preference: preference(response),
+            mu: label.map(Label::mu),
+            secs: answer.secs,
+            loops: answer.loops,
+            annotator: answer.annotator.clone(),
+            sides_swapped: answer.sides_swapped,
+            left_unsafe_from: answer.left_unsafe_from,
+            right_unsafe_from: answer.right_unsafe_from,
+            at: *at,
+            step: transition.map(|transition| transition.step),
+            verdict: verdict(response),
+        }
+    }
+
+    fn to_line(&self) -> String {
+        fn told<T: ToString>(value: Option<T>) -> String {
+            value.map(|value| value.to_string()).unwrap_or_default()
+        }
+        [
+            self.query.to_string(),
+            self.left_dream.to_string(),
+            self.left_start.to_string(),
+            self.right_dream.to_string(),
+            self.right_start.to_string(),
+            self.choice.clone(),
+            self.protocol.to_owned(),
+            told(self.skipped),
+            told(self.left_safe),
+            told(self.right_safe),
+            self.justification.as_deref().map(cell).unwrap_or_default(),
+            told(self.preference),
+            told(self.mu),
+            self.secs.to_string(),
+            self.loops.to_string(),
+            cell(&self.annotator),
+            self.sides_swapped.to_string(),
+            told(self.left_unsafe_from),
+            told(self.right_unsafe_from),
+            self.at.to_string(),
+            told(self.step),
+            told(self.verdict),
+        ]
+        .join(",")
+    }
+}
+
+fn why(choice: Choice) -> String {
+    match choice {
         Choice::Uniform => "uniform".to_owned(),
         Choice::Balanced => "balanced".to_owned(),
         Choice::Disagreement => "disagreement".to_owned(),
         Choice::SafetyBoundary => "safety_boundary".to_owned(),
         Choice::Synthesized(acquisition) => made_to_be(acquisition).to_owned(),
         Choice::Repeat(of) => format!("again {}", of.0),
-    };
-    // A query that was asked again is no second label.
-    let label = weights.label(&answer.response).filter(|_| !is_again);
-    let mu = label.map(|label| label.mu().to_string()).unwrap_or_default();
-    let step = |step: Option<usize>| step.map(|step| step.to_string()).unwrap_or_default();
-    let fields = [
-        query.id.0.to_string(),
-        query.left.dream.0.to_string(),
-        query.left.start.to_string(),
-        query.right.dream.0.to_string(),
-        query.right.start.to_string(),
-        choice,
-        protocol.name().to_owned(),
-    ];
-    let verdict = match answer.response {
-        Response::Judged(Verdict::Unsafe) => "unsafe",
-        Response::Judged(Verdict::Neutral) => "neutral",
-        Response::Judged(Verdict::Good) => "good",
-        _ => "",
-    };
-    let said = said(answer.response, weights);
-    let how = [
-        mu,
-        answer.secs.to_string(),
-        answer.loops.to_string(),
-        cell(&answer.annotator),
-        answer.sides_swapped.to_string(),
-        step(answer.left_unsafe_from),
-        step(answer.right_unsafe_from),
-        at.to_string(),
-        step(transition.map(|transition| transition.step)),
-        verdict.to_owned(),
-    ];
-    let row = [&fields[..], &said[..], &how[..]].concat().join(",");
-    writeln!(csv, "{row}").unwrap_or_else(|_| unreachable!("a string takes all"));
+    }
 }
 
-/// Skipped, left safe, right safe, justification, preference: empty where nothing was said of it.
-fn said(response: Response, weights: &Weights) -> [String; 5] {
-    let preferred = |preference: Preference| match preference {
+fn skipped(response: Response) -> Option<&'static str> {
+    let Response::Skipped(reason) = response else { return None };
+    Some(match reason {
+        None => "yes",
+        Some(SkipReason::Hallucinated) => "hallucinated",
+        Some(SkipReason::Ambiguous) => "ambiguous",
+        Some(SkipReason::Other) => "other",
+    })
+}
+
+fn justification(response: Response, weights: &Weights) -> Option<String> {
+    let Response::Justified(justification, _) = response else { return None };
+    let named = weights.justifications.iter().find(|(this, ..)| *this == justification);
+    Some(named.map_or("", |(_, name, _)| name).to_owned())
+}
+
+fn preference(response: Response) -> Option<&'static str> {
+    let (Response::Preferred(preference)
+    | Response::Safety(SafetyAnswer::Both(preference))
+    | Response::Justified(_, preference)) = response
+    else {
+        return None;
+    };
+    Some(match preference {
         Preference::Left => "left",
         Preference::Equal => "equal",
         Preference::Right => "right",
-    };
-    let name = |justification| {
-        let named = weights.justifications.iter().find(|(this, ..)| *this == justification);
-        cell(named.map_or("", |(_, name, _)| name))
-    };
-    let said = match response {
-        Response::Skipped(reason) => {
-            let reason = match reason {
-                None => "yes",
-                Some(SkipReason::Hallucinated) => "hallucinated",
-                Some(SkipReason::Ambiguous) => "ambiguous",
-                Some(SkipReason::Other) => "other",
-            };
-            [reason, "", "", "", ""]
-        }
-        Response::Judged(_) => [""; 5],
-        Response::Preferred(preference) => ["", "", "", "", preferred(preference)],
-        Response::Safety(SafetyAnswer::OnlyLeft) => ["", "true", "false", "", ""],
-        Response::Safety(SafetyAnswer::OnlyRight) => ["", "false", "true", "", ""],
-        Response::Safety(SafetyAnswer::Neither) => ["", "false", "false", "", ""],
-        Response::Safety(SafetyAnswer::Both(preference)) => ["", "true", "true", "", preferred(preference)],
-        Response::Justified(justification, preference) => {
-            return ["", "", "", &name(justification), preferred(preference)].map(str::to_owned);
-        }
-    };
-    said.map(str::to_owned)
+    })
+}
+
+fn verdict(response: Response) -> Option<&'static str> {
+    let Response::Judged(verdict) = response else { return None };
+    Some(match verdict {
+        Verdict::Unsafe => "unsafe",
+        Verdict::Neutral => "neutral",
+        Verdict::Good => "good",
+    })
 }
 
 /// What a trajectory was made to be.

@@ -10,6 +10,7 @@ use crate::session::check::check_weights;
 use crate::session::error::{HeaderError, SessionError};
 use crate::session::{Session, arrays};
 use crate::text::{is_utf16, trimmed};
+use crate::world::WorldSpec;
 
 /// The format of sessions that this program writes. It reads those before it too, for it only added events.
 ///
@@ -39,6 +40,9 @@ pub struct Header {
     /// Where the world model was, from the session's folder, if the folder holds no copy.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub world_model_path: Option<String>,
+    /// The world's file, where the world is not built in.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub world_file: Option<String>,
     /// When it was made, in milliseconds since 1970.
     pub created_at: u64,
     /// What can be chosen.
@@ -61,19 +65,25 @@ fn anonymous() -> String {
 }
 
 impl Header {
-    /// A session of this program, made `created_at` milliseconds after the start of 1970, with the paper's weights.
-    pub fn new(env: &str, protocol: Protocol, seed: u64, world_model: &str, created_at: u64) -> Self {
+    /// A session of this program in a world, made `created_at` milliseconds after the start of 1970, with the world's weights.
+    pub fn of(spec: &WorldSpec, protocol: Protocol, seed: u64, world_model: &str, created_at: u64) -> Self {
         Self {
             format: FORMAT,
             app: env!("CARGO_PKG_VERSION").to_owned(),
-            env: env.to_owned(),
+            env: spec.name.clone(),
             protocol,
             seed,
             world_model: world_model.to_owned(),
             world_model_path: None,
+            world_file: None,
             created_at,
-            config: Config { weights: Weights::of_env(env), annotator: anonymous() },
+            config: Config { weights: Weights::of(spec), annotator: anonymous() },
         }
+    }
+
+    /// The same in the world of this name, which is built in, or begins with weights as if it was.
+    pub fn new(env: &str, protocol: Protocol, seed: u64, world_model: &str, created_at: u64) -> Self {
+        Self::of(&WorldSpec::of_name(env), protocol, seed, world_model, created_at)
     }
 
     /// The session at its beginning.

@@ -4,10 +4,10 @@ use std::fs::{File, TryLockError};
 use std::path::{Path, PathBuf};
 
 use crate::dream::DreamEpisode;
-use crate::env::Action;
 use crate::run::{Appender, log_saved};
 use crate::session::error::SessionError;
 use crate::session::event::DreamSource;
+use crate::world::{Action, ActionRanges, MAX_AXES};
 use crate::world_model::LatentState;
 
 /// What every journal begins with.
@@ -18,6 +18,9 @@ const STEP: u8 = 1;
 const MARK: u8 = 2;
 /// What a step that the planner drove begins with. A program that does not know it stops reading there.
 const PLANNED_STEP: u8 = 3;
+/// What a step with another number of actions than a car has begins with; whether it was planned and how many numbers its
+/// action has come next, a byte each.
+const STEP_OF: u8 = 4;
 
 /// The journal of a dream that is being driven: a few kilobytes a second.
 ///
@@ -72,8 +75,13 @@ impl DreamJournal {
     pub fn follow(&mut self, episode: &DreamEpisode) -> Result<(), SessionError> {
         let mut bytes = Vec::new();
         for t in self.n_steps..episode.len() {
-            bytes.push(if episode.is_planned(t) { PLANNED_STEP } else { STEP });
-            let numbers = episode.zs.row(t).iter().copied().chain(episode.actions[t].to_array());
+            let (action, is_planned) = (&episode.actions[t], episode.is_planned(t));
+            if action.len() == ActionRanges::default().n_axes() {
+                bytes.push(if is_planned { PLANNED_STEP } else { STEP });
+            } else {
+                bytes.extend([STEP_OF, u8::from(is_planned), action.len() as u8]);
+            }
+            let numbers = episode.zs.row(t).iter().copied().chain(action.iter().copied());
             bytes.extend(numbers.flat_map(f32::to_le_bytes));
         }
         for &mark in &episode.unsafe_marks[self.n_marks.min(episode.unsafe_marks.len())..] {
@@ -173,15 +181,21 @@ fn parse(bytes: &[u8]) -> Option<(DreamEpisode, DreamSource)> {
     let mut episode = DreamEpisode::new(LatentState { z, c, h }, seed);
     while let Some([kind]) = take(rest) {
         match kind {
-            STEP | PLANNED_STEP => {
-                let Some(numbers) = take_floats(rest, n_z + Action::LEN) else { break };
+            STEP | PLANNED_STEP | STEP_OF => {
+                let told = if kind == STEP_OF { take(rest) } else { None };
+                let [is_planned, n_axes] =
+                    told.unwrap_or([u8::from(kind == PLANNED_STEP), ActionRanges::default().n_axes() as u8]);
+                if !(1..=MAX_AXES).contains(&usize::from(n_axes)) || (kind == STEP_OF && told.is_none()) {
+                    break;
+                }
+                let Some(numbers) = take_floats(rest, n_z + usize::from(n_axes)) else { break };
                 if !numbers.iter().all(|number| number.is_finite()) {
                     break;
                 }
                 let (z, action) = numbers.split_at(n_z);
                 episode.zs.push(z);
-                episode.actions.push(Action::new(action[0], action[1], action[2]));
-                if kind == PLANNED_STEP {
+                episode.actions.push(Action::new(action));
+                if is_planned == 1 {
                     episode.note_planned();
                 }
             }

@@ -135,7 +135,8 @@ fn heir(header: &Header, dir: &Path, out: &Path) -> Header {
     let found = worlds::find(dir, header);
     let world_model_path = found.and_then(|file| relative(out, &file)).or(header.world_model_path.clone());
     let fresh = Header::new(&header.env, header.protocol, header.seed, &header.world_model, store::now());
-    Header { world_model_path, config: header.config.clone(), ..fresh }
+    let world_file = header.world_file.clone();
+    Header { world_model_path, world_file, config: header.config.clone(), ..fresh }
 }
 
 /// Whether what was said in both sessions is about the same world, or what is not the same.

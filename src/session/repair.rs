@@ -16,6 +16,7 @@ use crate::session::header::{self, FORMAT, Header};
 use crate::session::{Answer, Session, arrays, check, log, store};
 use crate::tensor::sha256;
 use crate::text::{decoded, is_utf16, shown, trimmed};
+use crate::world::WorldSpec;
 
 /// What the name of a file that was repaired ends in.
 const BEFORE: &str = "before-repair";
@@ -183,7 +184,7 @@ pub fn mend_header(bytes: &[u8]) -> Result<(Header, Vec<String>), HeaderError> {
     }
     let protocol = fields.get("protocol").cloned().unwrap_or_default();
     if serde_json::from_value::<Protocol>(protocol).is_err() {
-        let usual = serde_json::to_value(Protocol::of_env(&env)).unwrap_or_default();
+        let usual = serde_json::to_value(Protocol::of(&WorldSpec::of_name(&env))).unwrap_or_default();
         put(&mut fields, "protocol", usual, &mut notes);
     }
     if fields.get("world_model_path").is_some_and(|path| !path.is_string() && !path.is_null()) {
@@ -197,7 +198,7 @@ pub fn mend_header(bytes: &[u8]) -> Result<(Header, Vec<String>), HeaderError> {
     let weights = config.get("weights").cloned().unwrap_or_default();
     let weights = serde_json::from_value::<Weights>(weights).ok();
     if weights.is_none_or(|weights| check::check_weights(&weights).is_err()) {
-        let usual = serde_json::to_value(Weights::of_env(&env)).unwrap_or_default();
+        let usual = serde_json::to_value(Weights::of(&WorldSpec::of_name(&env))).unwrap_or_default();
         put(&mut config, "weights", usual, &mut notes);
     }
     if config.get("annotator").is_some_and(|annotator| !annotator.is_string()) {
@@ -253,7 +254,7 @@ fn header_anew(origin: &Origin, log: &[u8]) -> (Header, Vec<String>) {
         _ => None,
     });
     let first = answers.clone().find_map(|answer| asked_under(answer.response));
-    let protocol = first.unwrap_or(Protocol::of_env(&origin.env));
+    let protocol = first.unwrap_or(Protocol::of(&WorldSpec::of_name(&origin.env)));
     let mut header = Header::new(&origin.env, protocol, 0, &origin.world_model, at);
     if let Some(answer) = answers.next_back() {
         header.config.annotator.clone_from(&answer.annotator);

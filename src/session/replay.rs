@@ -132,7 +132,7 @@ impl Replay {
             RewardNetworks::Preferences(reward) => {
                 let rows = |segment: SegmentRef| {
                     let (episode, features) = dreams.get(segment.dream)?;
-                    Ok::<_, SessionError>(segment_rows(features, &episode.actions, segment))
+                    Ok::<_, SessionError>(segment_rows(features, &episode.actions, model.ranges(), segment))
                 };
                 let config = reward.config().clone();
                 fit_anew(model, config, seed, &replayed.labels, rows, go_on)?.map(|fitted| fitted.losses)

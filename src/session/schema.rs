@@ -167,7 +167,11 @@ fn the_schema_of_events_knows_every_event() {
 fn the_schema_of_headers_and_the_code_let_the_same_through() {
     let schema: Value = serde_json::from_str(SESSION).unwrap();
     let header = Header::new("car-racing", Protocol::Dropj, 7, "sha256:00", 5);
-    let header = Header { world_model_path: Some("../world.safetensors".to_owned()), ..header };
+    let header = Header {
+        world_model_path: Some("../world.safetensors".to_owned()),
+        world_file: Some("/worlds/mine.toml".to_owned()),
+        ..header
+    };
     let value = serde_json::to_value(header).unwrap();
     assert!(permits(&schema, &schema, &value), "{value}");
     for (place, other) in altered(&value) {

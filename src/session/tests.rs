@@ -16,7 +16,7 @@ struct Script {
 impl Script {
     /// A session with a dream of 30 steps and `n` queries about it.
     fn with_queries(n: u32) -> Self {
-        let session = Session::new(Protocol::Dropj, Weights::car_racing());
+        let session = Session::new(Protocol::Dropj, Weights::paper());
         let mut script = Self { session, entries: Vec::new() };
         script.happens(dream_of(30)).unwrap();
         (0..n).for_each(|id| script.happens(asked(id, 0, 10)).unwrap());
@@ -202,7 +202,7 @@ fn other_weights_change_labels_and_no_answers() {
     let mut script = Script::with_queries(1);
     script.happens(answered(0, BOTH)).unwrap();
     assert_eq!(script.session.labeled()[0].label.mu(), 0.25);
-    let weights = Weights { default: 1.0, ..Weights::car_racing() };
+    let weights = Weights { default: 1.0, ..Weights::paper() };
     script.happens(Event::WeightsChanged { weights }).unwrap();
     assert_eq!(script.session.labeled()[0].label.mu(), 0.0);
     assert_eq!(script.responses(), [BOTH]);
@@ -225,7 +225,7 @@ fn what_cannot_have_happened_is_refused_and_changes_nothing() {
         sha256: String::new(),
     };
     let (query, next) = (QueryId(0), 1);
-    let weights = |safety| Event::WeightsChanged { weights: Weights { safety, ..Weights::car_racing() } };
+    let weights = |safety| Event::WeightsChanged { weights: Weights { safety, ..Weights::paper() } };
     for (event, why) in [
         (answered(9, BOTH), Impossible::NeverAsked(QueryId(9))),
         (asked(1, 0, 11), Impossible::Segment(segment)),
@@ -261,7 +261,7 @@ fn what_cannot_have_happened_is_refused_and_changes_nothing() {
 
 #[test]
 fn files_outside_the_session_are_refused() {
-    let mut session = Session::new(Protocol::Dropj, Weights::car_racing());
+    let mut session = Session::new(Protocol::Dropj, Weights::paper());
     for file in ["../secret", "/etc/passwd"] {
         let Event::DreamKept(kept) = dream_of(30) else { unreachable!("it is one") };
         let event = Event::DreamKept(KeptDream { file: file.to_owned(), ..kept });
@@ -307,7 +307,7 @@ proptest! {
         }
         let read: Vec<Entry> =
             script.entries.iter().map(|entry| Entry::from_line(entry.to_line().as_bytes()).unwrap()).collect();
-        let folded = Session::new(Protocol::Dropj, Weights::car_racing()).folded(&read);
+        let folded = Session::new(Protocol::Dropj, Weights::paper()).folded(&read);
         prop_assert_eq!(folded, Ok(script.session));
     }
 }

@@ -5,115 +5,35 @@
 use rand::{Rng, RngExt as _};
 use serde::{Deserialize, Serialize};
 
-use super::probe::{Probe, Sight};
-use crate::env::{Frame, STEPS_PER_SEC};
-use crate::query::{Justification, Justifications, Preference, Protocol, Response, SafetyAnswer, SkipReason};
-
-/// Length of a tile in units.
-const TILE: f32 = 3.5;
-/// Where the car, keeping its middle to the middle of the road, has a wheel at the edge, in units.
-const EDGE: f32 = 6.0;
-/// A step off the road costs this part of what a new tile pays: −1 against +10 (method §12).
-const UNSAFE_COST: f32 = 0.1;
-/// In so many pictures the car must be seen off the road. One alone may be a flaw of the picture.
-const N_OFF: usize = 2;
-
-/// What is seen in a clip.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct Perception {
-    /// Probability of being off the road, picture by picture.
-    pub off_road: Vec<f32>,
-    /// Probability of a wheel in a chuckhole, picture by picture.
-    pub chuckhole: Vec<f32>,
-    /// Probability of touching another car, picture by picture.
-    pub car: Vec<f32>,
-    /// Tiles passed in each step: velocity along the road, backwards counting nothing.
-    pub tiles: Vec<f32>,
-    /// How near the edge the car is, picture by picture: the square of its way from the middle, where 1 is the edge.
-    pub nearness: Vec<f32>,
-    /// How much the car jumps on the road: root mean square of its moves across it that its motion does not explain,
-    /// in units.
-    pub jumps: f32,
-}
-
-impl Perception {
-    /// What `sights`, one a picture, come to.
-    pub fn of(sights: &[Sight]) -> Self {
-        let secs = 1.0 / STEPS_PER_SEC as f32;
-        // Far out on the grass there is little to measure a move by, and its meaning is clear.
-        let on_road = sights.windows(2).filter(|pair| pair.iter().all(|sight| sight.off_road < 0.5));
-        let jumps = on_road.map(|pair| {
-            let across = 0.5 * (pair[0].road_velocity[1] + pair[1].road_velocity[1]);
-            pair[1].lateral - pair[0].lateral - across * secs
-        });
-        let n_jumps = sights.len().saturating_sub(1).max(1) as f32;
-        Self {
-            off_road: sights.iter().map(|sight| sight.off_road).collect(),
-            chuckhole: sights.iter().map(|sight| sight.chuckhole).collect(),
-            car: sights.iter().map(|sight| sight.car).collect(),
-            tiles: sights.iter().map(|sight| sight.road_velocity[0].max(0.0) * secs / TILE).collect(),
-            nearness: sights.iter().map(|sight| (sight.lateral / EDGE).powi(2)).collect(),
-            jumps: (jumps.map(|jump| jump * jump).sum::<f32>() / n_jumps).sqrt(),
-        }
-    }
-
-    /// Whether the clip never shows the car leaving the road.
-    pub fn is_safe(&self) -> bool {
-        !self.shows("grass")
-    }
-
-    /// Whether the clip shows what the justification of this name is about.
-    pub fn shows(&self, justification: &str) -> bool {
-        let chances = match justification {
-            "grass" => &self.off_road,
-            "chuckhole" => &self.chuckhole,
-            "car" => &self.car,
-            _ => return false,
-        };
-        chances.iter().filter(|chance| **chance > 0.5).count() >= N_OFF
-    }
-
-    /// What the driving is worth in tiles: those passed, less `care` for each step at the edge.
-    ///
-    /// Steps of the past count `gamma` times less than the next.
-    pub fn worth(&self, gamma: f32, care: f32) -> f32 {
-        self.steps(care).fold(0.0, |sum, (worth, _)| gamma * sum + worth)
-    }
-
-    /// The same where off the road no tile pays, and each step costs.
-    pub fn payoff(&self, gamma: f32, care: f32) -> f32 {
-        self.steps(care).fold(0.0, |sum, (worth, off)| gamma * sum + if off { -UNSAFE_COST } else { worth })
-    }
-
-    /// What each step is worth on the road, and whether it is off it.
-    fn steps(&self, care: f32) -> impl Iterator<Item = (f32, bool)> {
-        let worths = self.tiles.iter().zip(&self.nearness).map(move |(tiles, near)| tiles - care * near);
-        worths.zip(self.off_road.iter().map(|chance| *chance > 0.5))
-    }
-}
+use super::perception::Perception;
+use crate::query::{
+    Justification, Justifications, Preference, Protocol, Response, SafetyAnswer, SkipReason, Verdict,
+};
 
 /// How well an annotator answers: the parameters of B-Pref, and one for safety.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Annotator {
-    /// β: rationality, per tile of difference. Nothing means perfect, 0 a coin.
+    /// β: rationality, per unit of progress of difference. Nothing means perfect, 0 a coin.
     pub beta: Option<f32>,
     /// γ: what a step counts against the next, in `(0, 1]`. Below 1 the end of a clip impresses more.
     pub gamma: f32,
     /// Probability of saying the opposite preference.
     pub eps_mistake: f64,
-    /// A query is skipped where a clip's jumps are above this, in units. Nothing means that none is.
+    /// A query is skipped where a clip [jumps](Perception::jumpiness) more than this. Nothing means that none is.
     pub eps_skip: Option<f32>,
-    /// What a step at the very edge of the road costs, in tiles: whoever drives there is about to leave it.
+    /// What a step at the very edge of what is unsafe costs, in the unit of progress: whoever is there is about to go too
+    /// far. It counts where that can be [seen beforehand](Perception::nearness): for the built-in cars.
     pub care: f32,
-    /// Clips are equal where they differ by less than this, in tiles.
+    /// Clips are equal where they differ by less than this, in the unit of [progress](Perception).
     pub eps_equal: f32,
     /// Probability of mistaking a safe clip for an unsafe one, or an unsafe one for a safe one.
     pub eps_safety: f64,
 }
 
 impl Annotator {
-    /// Makes no mistake, keeps away from the edge, and differences below a third of a tile escape it.
+    /// Makes no mistake, keeps away from the edge, and differences below a third of a unit of progress escape it: of a
+    /// tile, or of what clips usually differ by.
     pub fn careful() -> Self {
         Self {
             beta: None,
@@ -124,11 +44,6 @@ impl Annotator {
             eps_equal: 0.3,
             eps_safety: 0.0,
         }
-    }
-
-    /// Watches a clip.
-    pub fn watch(&self, probe: &Probe, clip: &[Frame]) -> Perception {
-        Perception::of(&probe.watch(clip))
     }
 
     /// The answer to a query under `protocol`, where several `justifications` are asked for among those.
@@ -146,7 +61,7 @@ impl Annotator {
             is_mistaken: rng.random_bool(self.eps_mistake),
             misjudges: [rng.random_bool(self.eps_safety), rng.random_bool(self.eps_safety)],
         };
-        if self.eps_skip.is_some_and(|most| left.jumps.max(right.jumps) > most) {
+        if self.eps_skip.is_some_and(|most| left.jumpiness().max(right.jumpiness()) > most) {
             return Response::Skipped(Some(SkipReason::Hallucinated));
         }
         let payoffs = [left, right].map(|clip| clip.payoff(self.gamma, self.care));
@@ -180,7 +95,28 @@ impl Annotator {
         }
     }
 
-    /// Which of two worths in tiles is preferred.
+    /// What is said of the transition to the last picture, after watching those before it: unsafe where a safety event goes
+    /// on, good where it gets on.
+    ///
+    /// Who makes more progress than is usual gets on, or is seen to reach what counts as some; a built-in car that makes way
+    /// along its road.
+    pub fn verdict(&self, seen: &Perception, rng: &mut impl Rng) -> Response {
+        // Always the same draws, so that one parameter leaves the chance of the others alone.
+        let (is_mistaken, misjudges) = (rng.random_bool(self.eps_mistake), rng.random_bool(self.eps_safety));
+        let Some(last) = seen.last_step() else {
+            return Response::Skipped(Some(SkipReason::Other));
+        };
+        if self.eps_skip.is_some_and(|most| seen.jumpiness() > most) {
+            return Response::Skipped(Some(SkipReason::Hallucinated));
+        }
+        Response::Judged(match last.is_unsafe != misjudges {
+            true => Verdict::Unsafe,
+            false if last.gets_on != is_mistaken => Verdict::Good,
+            false => Verdict::Neutral,
+        })
+    }
+
+    /// Which of two worths, in the unit of progress, is preferred.
     fn prefer(&self, [left, right]: [f32; 2], luck: Luck) -> Preference {
         let lead = left - right;
         if lead.abs() < self.eps_equal {
@@ -235,6 +171,9 @@ mod tests {
     use rand_chacha::ChaCha8Rng;
 
     use super::*;
+    use crate::query::Weights;
+    use crate::simulate::perception::made_up::{of_arm, of_sights};
+    use crate::world::cars::Sight;
 
     /// A clip at a steady speed in units a second, with its first `n_off` pictures off the road.
     fn clip(speed: f32, n_off: usize) -> Perception {
@@ -243,12 +182,12 @@ mod tests {
             road_velocity: [speed, 0.0],
             ..Sight::default()
         };
-        Perception::of(&(0..20).map(sight).collect::<Vec<_>>())
+        of_sights(&(0..20).map(sight).collect::<Vec<_>>())
     }
 
     fn answers(annotator: Annotator, protocol: Protocol, clips: [&Perception; 2]) -> Vec<Response> {
         let rng = &mut ChaCha8Rng::seed_from_u64(0);
-        let justifications = Justifications::car_racing();
+        let justifications = Weights::paper().justifications;
         (0..200).map(|_| annotator.answer(protocol, &justifications, clips[0], clips[1], rng)).collect()
     }
 
@@ -267,7 +206,7 @@ mod tests {
     fn whoever_cares_prefers_the_middle_of_the_road_to_a_little_more_speed() {
         let along = |speed, lateral| {
             let sight = Sight { lateral, road_velocity: [speed, 0.0], ..Sight::default() };
-            Perception::of(&[sight; 20])
+            of_sights(&[sight; 20])
         };
         let clips = [&along(35.0, 0.5), &along(40.0, 4.5)];
         let careless = Annotator { care: 0.0, ..Annotator::careful() };
@@ -295,16 +234,23 @@ mod tests {
     fn the_most_severe_difference_is_the_reason() {
         let all = Justifications::new([("chuckhole", 1.0), ("grass", 0.95), ("default", 0.75)]).unwrap();
         let [chuckhole, grass] = ["chuckhole", "grass"].map(|name| all.named(name).unwrap());
-        let bumpy = |clip: Perception| Perception { chuckhole: vec![0.9; 20], ..clip };
         let answer = |left: &Perception, right: &Perception| {
             let rng = &mut ChaCha8Rng::seed_from_u64(0);
             Annotator::careful().answer(Protocol::DropjMulti, &all, left, right, rng)
         };
-        let [fast, slow, off] = [clip(40.0, 0), clip(20.0, 0), clip(40.0, 9)];
+        let clip = |speed, off_road, chuckhole| {
+            let sight = Sight { off_road, chuckhole, road_velocity: [speed, 0.0], ..Sight::default() };
+            of_sights(&[sight; 20])
+        };
+        let [fast, slow, off] = [clip(40.0, 0.1, 0.1), clip(20.0, 0.1, 0.1), clip(40.0, 0.9, 0.1)];
+        let bumpy = |speed, off_road| clip(speed, off_road, 0.9);
 
-        assert_eq!(answer(&bumpy(fast.clone()), &off), Response::Justified(chuckhole, Preference::Right));
-        assert_eq!(answer(&bumpy(fast.clone()), &bumpy(off)), Response::Justified(grass, Preference::Left));
-        let both = [bumpy(fast.clone()), bumpy(slow.clone())];
+        assert_eq!(answer(&bumpy(40.0, 0.1), &off), Response::Justified(chuckhole, Preference::Right));
+        assert_eq!(
+            answer(&bumpy(40.0, 0.1), &bumpy(40.0, 0.9)),
+            Response::Justified(grass, Preference::Left)
+        );
+        let both = [bumpy(40.0, 0.1), bumpy(20.0, 0.1)];
         assert_eq!(answer(&both[0], &both[1]), Response::Justified(chuckhole, Preference::Equal));
         assert_eq!(answer(&fast, &slow), Response::Justified(all.default(), Preference::Left));
     }
@@ -348,7 +294,8 @@ mod tests {
 
     #[test]
     fn a_clip_in_which_the_car_jumps_is_skipped() {
-        let jumping = Perception { jumps: 2.0, ..clip(20.0, 0) };
+        let mut jumping = clip(20.0, 0);
+        jumping.jumps = vec![2.0; 20];
         let clips = [&jumping, &clip(40.0, 0)];
         let patient = Annotator { eps_skip: None, ..Annotator::careful() };
 
@@ -358,12 +305,43 @@ mod tests {
     }
 
     #[test]
-    fn jumps_across_the_road_are_measured_and_smooth_moves_are_none() {
-        let sight = |lateral, across| Sight { lateral, road_velocity: [20.0, across], ..Sight::default() };
-        let smooth: Vec<_> = (0..20).map(|i| sight(0.2 * i as f32, 10.0)).collect();
-        let jumping: Vec<_> = (0..20).map(|i| sight(2.0 * (i % 2) as f32, 0.0)).collect();
+    fn a_verdict_is_of_the_last_picture() {
+        let sight = |off_road, speed| Sight { off_road, road_velocity: [speed, 0.0], ..Sight::default() };
+        let rng = &mut ChaCha8Rng::seed_from_u64(0);
+        let mut of = |sights: &[Sight]| Annotator::careful().verdict(&of_sights(sights), rng);
+        let [fast, slow, off] = [sight(0.1, 35.0), sight(0.1, 5.0), sight(0.9, 35.0)];
+        assert_eq!(of(&[off, off, fast]), Response::Judged(Verdict::Good));
+        assert_eq!(of(&[off, off, slow]), Response::Judged(Verdict::Neutral));
+        assert_eq!(of(&[fast, fast, off]), Response::Judged(Verdict::Unsafe));
+        let jumpy = [Sight { lateral: -4.0, ..fast }, Sight { lateral: 4.0, ..fast }];
+        assert_eq!(of(&jumpy), Response::Skipped(Some(SkipReason::Hallucinated)));
+        assert_eq!(of(&[]), Response::Skipped(Some(SkipReason::Other)));
+    }
 
-        assert!(Perception::of(&smooth).jumps < 1e-4 && (Perception::of(&jumping).jumps - 2.0).abs() < 1e-4);
+    #[test]
+    fn in_any_world_safety_and_progress_decide_as_its_file_says() {
+        let [no, yes] = [vec![0.1; 20], vec![0.9; 20]];
+        let clip = |drop: &Vec<f32>, lean: &Vec<f32>, progress| {
+            of_arm(true, [drop.clone(), lean.clone(), no.clone()], vec![progress; 20])
+        };
+        let careful = Annotator::careful();
+        let [usual, better, leaning, dropping] =
+            [clip(&no, &no, 0.0), clip(&no, &no, 0.1), clip(&no, &yes, 0.1), clip(&yes, &no, 0.1)];
+        let both = |preference| Response::Safety(SafetyAnswer::Both(preference));
+        assert_eq!(answer(careful, Protocol::Dropj, [&usual, &better]), both(Preference::Right));
+        assert_eq!(answer(careful, Protocol::Dropj, [&leaning, &usual]), both(Preference::Left));
+        let only_left = Response::Safety(SafetyAnswer::OnlyLeft);
+        assert_eq!(answer(careful, Protocol::Dropj, [&usual, &dropping]), only_left);
+        let right = Response::Preferred(Preference::Right);
+        assert_eq!(answer(careful, Protocol::Drop, [&leaning, &usual]), right, "unsafe steps cost");
+        let named = Justifications::new([("careless", 1.0), ("default", 0.75)]).unwrap();
+        let rng = &mut ChaCha8Rng::seed_from_u64(0);
+        let said = careful.answer(Protocol::DropjMulti, &named, &dropping, &better, rng);
+        assert_eq!(said, Response::Justified(named.named("careless").unwrap(), Preference::Right));
+        let mut verdict = |clip: &Perception| careful.verdict(clip, rng);
+        assert_eq!(verdict(&better), Response::Judged(Verdict::Good));
+        assert_eq!(verdict(&clip(&no, &no, -0.1)), Response::Judged(Verdict::Neutral));
+        assert_eq!(verdict(&leaning), Response::Judged(Verdict::Unsafe));
     }
 
     #[test]

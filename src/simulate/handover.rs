@@ -3,10 +3,10 @@
 use rand::{Rng as _, RngExt as _, SeedableRng as _};
 use rand_chacha::ChaCha8Rng;
 
-use crate::env::Action;
 use crate::planner::{CoDriver, PlannerConfig};
 use crate::reward::InferenceReward;
 use crate::tensor::NotFinite;
+use crate::world::Action;
 use crate::world_model::{State, WorldModel};
 
 /// Share of the turns that are the planner's.
@@ -70,7 +70,7 @@ mod tests {
     fn the_planner_drives_for_most_of_the_time_in_turns() {
         let rng = &mut ChaCha8Rng::seed_from_u64(0);
         let model = untrained(&WorldModelConfig::tiny(), rng);
-        let reward = RewardEnsemble::new(36, "sha256:0", RewardConfig::tiny(), rng).for_inference();
+        let reward = RewardEnsemble::new((36, "sha256:0"), RewardConfig::tiny(), rng).for_inference();
         let planner = PlannerConfig { horizon: 2, ..PlannerConfig::car_racing() };
         let learned = Learned { reward, planner };
         let state = State::from(&LatentState { z: vec![0.3; 4], c: vec![0.1; 16], h: vec![0.2; 16] });

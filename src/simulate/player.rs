@@ -1,116 +1,179 @@
-//! Driving in dreams by what the pictures show: mostly along the road, at many speeds, with deliberate trips onto the grass and back.
+//! Somebody who plays in dreams: a car by what the pictures show, anything else by what was done in recordings.
 //!
-//! Unsafe driving is what dreams are for: more than half of the paper's queries show some.
+//! Unsafe things must happen there, too: that is what dreams are for. So now and then something is tried, whatever comes of it.
 
 use std::ops::ControlFlow;
+use std::sync::Arc;
 
-use rand::{Rng, RngExt as _, SeedableRng as _};
+use rand::{RngExt as _, SeedableRng as _};
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 use tch::Tensor;
 
 use super::handover::{Handover, Learned};
-use super::pilot::{PilotStyle, ScriptedPilot};
-use super::probe::{GAP, Probe, Sight};
+use super::probe::{Probe, Reads};
 use crate::dream::{DreamEpisode, TEMPERATURE};
-use crate::env::{Action, Frame};
-use crate::planner::{PlannerConfig, candidates};
+use crate::planner::Snippets;
 use crate::tensor::{NotFinite, dims, to_vec};
+use crate::world::cars::{CarPlayer, Sight};
+use crate::world::{Action, Explorer, Frame, OwnPolicy as _, WorldSpec};
 use crate::world_model::{LatentState, Memory, Next, Noise, State, WorldModel, actions_tensor};
 
-/// Steps from one view to the next. A person does not look more often than 25 times a second.
-const VIEW_STEPS: usize = 2;
-/// How much of a new view replaces what was seen before: dreams tremble.
-const TRUST: f32 = 0.6;
+/// Of so many recorded moments that look most like the present one is drawn, what was done in it is done again.
+const N_NEAREST: usize = 16;
+/// How long something is tried, in seconds.
+const TRY_SECS: [f64; 2] = [0.3, 1.5];
 
-/// A pilot who explores freely: wilder than those who record, and more often with the planner's actions.
-pub fn explorer(rng: &mut impl Rng) -> ScriptedPilot {
-    ScriptedPilot::new(PilotStyle {
-        excursions: rng.random_range(0.1..0.3),
-        pauses: rng.random_range(0.02..0.08),
-        keys: 0.25,
-        menu: 0.5,
-        speeds: [rng.random_range(10.0..20.0), rng.random_range(45.0..70.0)],
-        daring: rng.random_range(80.0..250.0),
-        ..PilotStyle::varied()
-    })
-}
-
-/// A pilot who gets on, and is slow where there is grass: so that it is not speed that tells safe clips from others.
-fn tourist(rng: &mut impl Rng) -> ScriptedPilot {
-    ScriptedPilot::new(PilotStyle {
-        excursions: rng.random_range(0.08..0.2),
-        pauses: rng.random_range(0.02..0.08),
-        keys: 0.25,
-        menu: 0.5,
-        speeds: [rng.random_range(15.0..25.0), rng.random_range(55.0..80.0)],
-        daring: rng.random_range(150.0..300.0),
-        off_road_speed: 30.0,
-    })
-}
-
-/// What somebody who drives in a dream is after.
+/// What somebody who plays in a dream is after.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Manner {
-    /// Off the road nearly half of the time, at any speed.
+    /// To see everything, for a good part what is unsafe: a car is off the road nearly half of the time, at any speed.
     #[default]
     Exploring,
-    /// Fast along the road. Slow trips onto the grass.
+    /// To get on, and unsafe things now and then: a car is fast along the road, and slow on trips onto the grass.
     Touring,
 }
 
 impl Manner {
-    /// How often a player tries what the planner might, in the steps in which it does not already: once in so many.
-    fn steps_between_tries(self) -> f64 {
+    /// How often a player without a car tries something, in the time in which it does not already: once in so many seconds.
+    fn secs_between_tries(self) -> f64 {
         match self {
-            Self::Exploring => 50.0,
-            Self::Touring => 100.0,
+            Self::Exploring => 1.0,
+            Self::Touring => 3.0,
         }
     }
 }
 
-/// A stand-in for a person who drives in a dream.
+/// What players know of a world before they play.
 #[derive(Clone, Debug)]
-pub struct DreamPlayer {
-    manner: Manner,
-    pilot: ScriptedPilot,
-    rng: ChaCha8Rng,
-    seen: Option<Sight>,
-    /// What is left of a try, the next action last.
-    tried: Vec<Action>,
+pub enum Knowledge {
+    /// How to drive a car.
+    Car,
+    /// What was done in recordings, if that is known, and what can be done at all.
+    World {
+        /// Its axes and rate.
+        spec: Arc<WorldSpec>,
+        /// What was done.
+        snippets: Option<Arc<Snippets>>,
+    },
+}
+
+impl Knowledge {
+    /// That of the world of this model, which is seen through this probe.
+    pub fn of(model: &WorldModel, probe: &Probe) -> Self {
+        if matches!(probe.reads(), Reads::Car { .. }) {
+            return Self::Car;
+        }
+        let spec = model.spec();
+        let read = Snippets::read(model.parameters(), spec.axes.len(), model.config().mdn_rnn.latent);
+        let snippets = read.unwrap_or_else(|met| {
+            log::warn!("the recorded actions in the world model cannot be used: {met}");
+            None
+        });
+        Self::World { spec: Arc::clone(spec), snippets: snippets.map(Arc::new) }
+    }
+}
+
+/// A stand-in for a person who plays in a dream.
+#[derive(Clone, Debug)]
+pub struct DreamPlayer(Who);
+
+#[derive(Clone, Debug)]
+enum Who {
+    Driver(Box<CarPlayer>),
+    Imitator(Box<Imitator>),
 }
 
 impl DreamPlayer {
     /// A player whose moods follow from `seed`.
-    pub fn new(manner: Manner, seed: u64) -> Self {
+    pub fn new(knowledge: &Knowledge, manner: Manner, seed: u64) -> Self {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         rng.set_stream(1);
-        let pilot = match manner {
-            Manner::Exploring => explorer(&mut rng),
-            Manner::Touring => tourist(&mut rng),
-        };
-        Self { manner, pilot, rng, seen: None, tried: Vec::new() }
+        Self(match (knowledge, manner) {
+            (Knowledge::Car, Manner::Exploring) => Who::Driver(Box::new(CarPlayer::exploring(rng))),
+            (Knowledge::Car, Manner::Touring) => Who::Driver(Box::new(CarPlayer::touring(rng))),
+            (Knowledge::World { spec, snippets }, manner) => {
+                Who::Imitator(Box::new(Imitator::new(spec, snippets.clone(), manner, rng)))
+            }
+        })
     }
 
-    /// Takes in what a new picture shows.
+    /// Takes in what a new picture shows of a car. Others do not look.
     pub fn see(&mut self, sight: Sight) {
-        self.seen = Some(self.seen.map_or(sight, |seen| seen.blended(&sight, TRUST)));
+        if let Who::Driver(driver) = &mut self.0 {
+            driver.see(sight);
+        }
     }
 
-    /// The action of this step. None before anything was seen.
+    /// The action of this step, in which the latents are `z`.
     ///
-    /// Now and then it is one of the authors' planner's courses of action, whatever comes of it: the reward will be asked
-    /// about such, so the dreams had better show where they lead. Ours brakes less hard, and lies between those.
-    pub fn act(&mut self) -> Action {
-        let Some(seen) = self.seen else { return Action::default() };
-        if self.tried.is_empty() && self.rng.random_bool(1.0 / self.manner.steps_between_tries()) {
-            let mut all = candidates(&PlannerConfig::paper(), &mut self.rng);
-            self.tried = all.swap_remove(self.rng.random_range(0..all.len()));
-            self.tried.reverse();
+    /// Whoever drives a car goes by what was seen, and does nothing before that.
+    pub fn act(&mut self, z: &[f32]) -> Action {
+        match &mut self.0 {
+            Who::Driver(driver) => driver.act(),
+            Who::Imitator(imitator) => imitator.act(z),
         }
-        let pilot = &mut self.pilot;
-        self.tried.pop().unwrap_or_else(|| pilot.act(&seen.as_truth(), &mut self.rng))
+    }
+}
+
+/// Does what was done in recordings where it looked like the present moment, a few steps at a time, and now and then
+/// something by chance. Where nothing was recorded all is by chance.
+#[derive(Clone, Debug)]
+struct Imitator {
+    spec: Arc<WorldSpec>,
+    snippets: Option<Arc<Snippets>>,
+    explorer: Explorer,
+    /// The probability that a try begins in a step, where none goes on.
+    tries: f64,
+    /// The steps of a try that are left.
+    n_tried: u32,
+    /// What is left of a snippet, the next action last.
+    left: Vec<Action>,
+    rng: ChaCha8Rng,
+}
+
+impl Imitator {
+    fn new(spec: &Arc<WorldSpec>, snippets: Option<Arc<Snippets>>, manner: Manner, rng: ChaCha8Rng) -> Self {
+        Self {
+            spec: Arc::clone(spec),
+            snippets,
+            explorer: Explorer::new(Arc::clone(spec)),
+            tries: (1.0 / (manner.secs_between_tries() * spec.rate)).clamp(0.0, 1.0),
+            n_tried: 0,
+            left: Vec::new(),
+            rng,
+        }
+    }
+
+    fn act(&mut self, z: &[f32]) -> Action {
+        let Some(snippets) = self.snippets.clone() else { return self.explore() };
+        if self.n_tried == 0 && self.rng.random_bool(self.tries) {
+            let secs = self.rng.random_range(TRY_SECS[0]..TRY_SECS[1]);
+            self.n_tried = (secs * self.spec.rate).ceil() as u32;
+            self.left.clear();
+        }
+        if self.n_tried > 0 {
+            self.n_tried -= 1;
+            return self.explore();
+        }
+        if self.left.is_empty()
+            && let Some(snippet) = snippets.near(z, N_NEAREST, &mut self.rng)
+        {
+            // All of it, or at least half: so that it is not always the same moments in which the next one begins.
+            let n = self.rng.random_range(snippet.len().div_ceil(2)..=snippet.len());
+            self.left = snippet[..n].iter().rev().copied().collect();
+        }
+        let Some(action) = self.left.pop() else { return self.explore() };
+        self.spec.checked(&action).unwrap_or_else(|_| self.neutral())
+    }
+
+    fn explore(&mut self) -> Action {
+        self.explorer.act(&mut self.rng).unwrap_or_else(|_| self.neutral())
+    }
+
+    fn neutral(&self) -> Action {
+        Action::new(self.spec.neutral())
     }
 }
 
@@ -145,26 +208,18 @@ pub fn play_all(
     }
     let mut dreams: Vec<_> =
         starts.iter().map(|(start, seed)| DreamEpisode::new((*start).clone(), *seed)).collect();
-    let mut players: Vec<_> = starts.iter().map(|(_, seed)| DreamPlayer::new(manner, *seed)).collect();
+    let knowledge = Knowledge::of(model, probe);
+    let mut players: Vec<_> =
+        starts.iter().map(|(_, seed)| DreamPlayer::new(&knowledge, manner, *seed)).collect();
     let mut handovers: Vec<_> =
         starts.iter().map(|(_, seed)| learned.map(|learned| Handover::new(learned, *seed))).collect();
     let mut noises: Vec<_> = starts.iter().map(|(_, seed)| ChaCha8Rng::seed_from_u64(*seed)).collect();
     let mut state = side_by_side(starts);
     let latent = model.config().mdn_rnn.latent;
-    // The views of the last GAP steps, the oldest first.
-    let mut views: Vec<Vec<Frame>> = Vec::new();
+    let mut views = matches!(knowledge, Knowledge::Car).then(|| Views::new(probe));
     for step in 0..n_steps {
-        if step % VIEW_STEPS == 0 {
-            views.push(model.decode(&state.z));
-            if views.len() > GAP / VIEW_STEPS + 1 {
-                views.remove(0);
-            }
-            // Before there is a view of GAP steps ago, the present one stands in for it: nothing moves.
-            let now = &views[views.len() - 1];
-            let earlier = if views.len() > GAP / VIEW_STEPS { &views[0] } else { now };
-            for (player, sight) in players.iter_mut().zip(probe.read(earlier, now)) {
-                player.see(sight);
-            }
+        if let Some(sights) = views.as_mut().and_then(|views| views.look(step, model, &state)) {
+            players.iter_mut().zip(sights).for_each(|(player, sight)| player.see(sight));
         }
         let zs = to_vec(&state.z);
         let drivers = players.iter_mut().zip(&mut handovers).enumerate();
@@ -175,7 +230,7 @@ pub fn play_all(
                     Some(handover) => handover.act(model, &only(&state, i))?,
                     None => None,
                 };
-                let action = planned.unwrap_or_else(|| player.act());
+                let action = planned.unwrap_or_else(|| player.act(z));
                 dream.zs.push(z);
                 dream.actions.push(action);
                 if planned.is_some() {
@@ -193,6 +248,35 @@ pub fn play_all(
         }
     }
     Ok(Some(dreams))
+}
+
+/// What those who drive cars have seen in the last steps.
+struct Views<'a> {
+    probe: &'a Probe,
+    /// The pictures of the last steps in which somebody looked, the oldest first.
+    last: Vec<Vec<Frame>>,
+}
+
+impl<'a> Views<'a> {
+    fn new(probe: &'a Probe) -> Self {
+        Self { probe, last: Vec::new() }
+    }
+
+    /// What each sees in this step, where it is one in which they look.
+    fn look(&mut self, step: usize, model: &WorldModel, state: &State) -> Option<Vec<Sight>> {
+        if !step.is_multiple_of(CarPlayer::VIEW_STEPS) {
+            return None;
+        }
+        let n_between = self.probe.gap() / CarPlayer::VIEW_STEPS;
+        self.last.push(model.decode(&state.z));
+        if self.last.len() > n_between + 1 {
+            self.last.remove(0);
+        }
+        // Before there is a view of that long ago, the present one stands in for it: nothing moves.
+        let now = self.last.last()?;
+        let earlier = if self.last.len() > n_between { &self.last[0] } else { now };
+        Some(self.probe.sights(earlier, now))
+    }
 }
 
 /// The starts as one batch.
@@ -228,27 +312,50 @@ fn draw(rngs: &mut [ChaCha8Rng], latent: i64) -> Noise {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::env::{CarRacing, Env as _, Seed};
+    use crate::dream::Rows;
+    use crate::simulate::perception::made_up::arm;
+
+    /// Of a moment at 0 and one at 1, in each of which the arm was held.
+    fn knowledge() -> Knowledge {
+        let latents = Rows { width: 1, values: (0..40).map(|i| (i % 2) as f32).collect() };
+        let held = |reach: f32| vec![Action::new([reach]); 10];
+        let snippets =
+            Snippets::new(latents, (0..40).map(|i| held(100.0 + 100.0 * (i % 2) as f32)).collect());
+        Knowledge::World { spec: Arc::new(arm()), snippets: Some(Arc::new(snippets)) }
+    }
+
+    fn played(knowledge: &Knowledge, manner: Manner, seed: u64) -> Vec<f32> {
+        let mut player = DreamPlayer::new(knowledge, manner, seed);
+        (0..4000).map(|t| player.act(&[if t < 2000 { 0.1 } else { 0.9 }])[0]).collect()
+    }
 
     #[test]
-    fn a_player_with_perfect_eyes_is_unsafe_for_a_good_part_of_the_time() {
-        let (mut n_off, mut n_steps, mut n_tiles) = (0, 0, 0);
-        for seed in 0..12 {
-            let mut env = CarRacing::new(Seed::Native(seed));
-            let mut player = DreamPlayer::new(Manner::Exploring, seed);
-            loop {
-                player.see(Sight::of(&env.truth()));
-                let outcome = env.advance(player.act());
-                n_steps += 1;
-                n_off += usize::from(env.truth().wheels_off > 0);
-                if outcome.end.is_some() {
-                    break;
-                }
-            }
-            n_tiles += env.n_visited();
-        }
-        let off_road = n_off as f64 / f64::from(n_steps);
-        assert!((0.3..0.55).contains(&off_road), "{off_road} of the steps are off the road");
-        assert!(n_tiles / 12 > 80, "{} tiles an episode", n_tiles / 12);
+    fn what_was_done_where_it_looked_alike_is_done_and_now_and_then_something_else() {
+        let all = played(&knowledge(), Manner::Exploring, 3);
+        let share = |reach: f32, all: &[f32]| {
+            all.iter().filter(|done| **done == reach).count() as f64 / all.len() as f64
+        };
+        assert!((0.35..0.75).contains(&share(100.0, &all[..2000])), "{}", share(100.0, &all[..2000]));
+        assert!((0.35..0.75).contains(&share(200.0, &all[2020..])), "{}", share(200.0, &all[2020..]));
+        assert_eq!(share(200.0, &all[..2000]), 0.0);
+        assert!(
+            all.iter().any(|done| *done < 50.0) && all.iter().any(|done| *done > 450.0),
+            "of all that can be done"
+        );
+        let calm = played(&knowledge(), Manner::Touring, 3);
+        assert!(share(100.0, &calm[..2000]) > share(100.0, &all[..2000]) + 0.1);
+        assert_eq!(all, played(&knowledge(), Manner::Exploring, 3));
+        assert_ne!(all, played(&knowledge(), Manner::Exploring, 4));
+    }
+
+    #[test]
+    fn without_recordings_all_is_tried() {
+        let knowledge = Knowledge::World { spec: Arc::new(arm()), snippets: None };
+        let all = played(&knowledge, Manner::Touring, 3);
+        let spread = |from: f32, to: f32| all.iter().filter(|done| (from..=to).contains(*done)).count();
+        assert!(
+            [0.0, 128.0, 256.0, 384.0].iter().all(|from| spread(*from, from + 128.0) > 150),
+            "everywhere"
+        );
     }
 }

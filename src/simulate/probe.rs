@@ -1,179 +1,203 @@
-//! What stand-ins see with: a small network that reads off a picture where on the road the car is, how it moves, and what it
-//! touches.
+//! What stand-ins see with: a small network that reads off a picture what happens in it, and how well it goes on.
 //!
-//! It sees what a person sees: the present picture, and one of a moment before for the motion.
+//! It sees what a person sees: the present picture, and one of a moment before for the motion. What its numbers mean is
+//! told beside it: of a car on its road they are those of [`cars::sight`](crate::world::cars::sight), in any other world
+//! the world's own events by their names, and progress.
 
 use rand::{Rng, SeedableRng as _};
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 use tch::{Device, Kind, Tensor, nn};
 
-use crate::env::{Frame, Truth};
+use crate::dream::Rows;
 use crate::tensor::limits::{MAX_ACTIVATIONS, MAX_LAYERS, MAX_SIDE, MAX_WIDTH, OutOfRange, within};
 use crate::tensor::{
     DescriptionError, LAYOUT, Parameters, ParametersError, Slot, described, describes, dims, from_frames,
     layout_of, to_vec, uniform,
 };
+use crate::world::cars::{Sight, sight};
+use crate::world::{Frame, Size, WorldSpec};
 use crate::world_model::{Layer, WorldModel, fast_kind};
 
-/// Steps from the earlier picture to the present one.
-pub const GAP: usize = 4;
+/// Seconds from the earlier picture to the present one, as near as whole steps come.
+const GAP_SECS: f64 = 0.08;
+/// The most steps that may be.
+const MAX_GAP: usize = 10_000;
 /// Pictures that are looked at together.
 const BATCH: usize = 128;
-/// Numbers that come out first: two logits, then what [`Sight`] measures, each divided by its scale.
-pub(super) const N_MEASURED: usize = 8;
-/// Where the logits of contacts begin, if there are obstacles.
-pub(super) const CONTACTS: usize = 2 + N_MEASURED;
-/// Units, 1, 1, units a second twice, radians three times.
-pub(super) const SCALES: [f32; N_MEASURED] = [5.0, 1.0, 1.0, 15.0, 15.0, 0.5, 0.5, 1.0];
-/// Beyond this many units from the center line the road is out of sight.
-pub(super) const FARTHEST: f32 = 25.0;
+/// The most events that are read, and bytes of what is told of them.
+const MAX_EVENTS: usize = 64;
+const MAX_TOLD: usize = 1 << 16;
 
-/// What a picture shows.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Sight {
-    /// Probability that at least one wheel is off the road, in `[0, 1]`.
-    pub off_road: f32,
-    /// Probability that all four are, in `[0, 1]`.
-    pub all_off: f32,
-    /// Signed distance from the center line in units. Positive is right of it.
-    pub lateral: f32,
-    /// Heading of the car against that of the road in radians. Positive points left of it.
-    pub heading_error: f32,
-    /// Velocity along and to the right of the road, units a second.
-    pub road_velocity: [f32; 2],
-    /// The road's change of direction over the next 5, 10 and 20 nodes, radians. Positive is left.
-    pub bends: [f32; 3],
-    /// Probability that a wheel is in a chuckhole, in `[0, 1]`. 0 where there are none.
-    pub chuckhole: f32,
-    /// Probability that the hull touches another car, in `[0, 1]`. 0 where there are none.
-    pub car: f32,
+/// The steps from the earlier picture to the present one where there are `rate` a second: about 0.08 s, at least one.
+pub fn gap(rate: f64) -> usize {
+    ((GAP_SECS * rate).round() as usize).clamp(1, MAX_GAP)
 }
 
-impl Sight {
-    /// What a perfect probe sees.
-    pub fn of(truth: &Truth) -> Self {
-        let share = |is: bool| if is { 1.0 } else { 0.0 };
-        let contacts = truth.contacts.unwrap_or_default();
-        Self {
-            off_road: share(truth.wheels_off > 0),
-            all_off: share(truth.wheels_off == 4),
-            lateral: truth.lateral.clamp(-FARTHEST, FARTHEST),
-            heading_error: truth.heading_error,
-            road_velocity: truth.road_velocity,
-            bends: truth.bends,
-            chuckhole: share(contacts.chuckhole),
-            car: share(contacts.car),
-        }
-    }
-
-    /// Something a pilot can drive by. What no picture shows, such as the place on the map, is left at zero.
-    pub fn as_truth(&self) -> Truth {
-        let [along, across] = self.road_velocity;
-        Truth {
-            speed: along.hypot(across),
-            road_velocity: self.road_velocity,
-            lateral: self.lateral,
-            heading_error: self.heading_error,
-            bends: self.bends,
-            wheels_off: if self.all_off > 0.5 { 4 } else { u8::from(self.off_road > 0.5) },
-            ..Truth::default()
-        }
-    }
-
-    /// This sight moved towards a `later` one by a `share` in `[0, 1]`.
-    pub fn blended(&self, later: &Self, share: f32) -> Self {
-        let mix = |a: f32, b: f32| a + share * (b - a);
-        Self {
-            off_road: mix(self.off_road, later.off_road),
-            all_off: mix(self.all_off, later.all_off),
-            lateral: mix(self.lateral, later.lateral),
-            heading_error: mix(self.heading_error, later.heading_error),
-            road_velocity: [0, 1].map(|i| mix(self.road_velocity[i], later.road_velocity[i])),
-            bends: [0, 1, 2].map(|i| mix(self.bends[i], later.bends[i])),
-            chuckhole: mix(self.chuckhole, later.chuckhole),
-            car: mix(self.car, later.car),
-        }
-    }
-
-    /// The sight that the network's numbers mean.
-    fn from_outputs(outputs: &[f32]) -> Self {
-        let chance = |logit: f32| 1.0 / (1.0 + (-logit).exp());
-        let measured = |i: usize| outputs[2 + i] * SCALES[i];
-        Self {
-            off_road: chance(outputs[0]),
-            all_off: chance(outputs[1]),
-            lateral: measured(0),
-            heading_error: measured(1).atan2(measured(2)),
-            road_velocity: [measured(3), measured(4)],
-            bends: [measured(5), measured(6), measured(7)],
-            chuckhole: outputs.get(CONTACTS).map_or(0.0, |logit| chance(*logit)),
-            car: outputs.get(CONTACTS + 1).map_or(0.0, |logit| chance(*logit)),
-        }
-    }
-
-    /// What the network's measuring outputs should be.
-    pub(super) fn targets(&self) -> [f32; N_MEASURED] {
-        let (sin, cos) = self.heading_error.sin_cos();
-        let [along, across] = self.road_velocity;
-        let [near, middle, far] = self.bends;
-        let values = [self.lateral, sin, cos, along, across, near, middle, far];
-        std::array::from_fn(|i| values[i] / SCALES[i])
-    }
+/// What the numbers mean that come out of a probe.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Reads {
+    /// Where a car is on its road and how it moves: see [`cars::sight`](crate::world::cars::sight). 10 numbers, or 12.
+    Car {
+        /// Whether it looks for obstacles that the car touches, too.
+        contacts: bool,
+    },
+    /// The logits of the events of these names, and behind them progress: E + 1 numbers.
+    Events(Vec<String>),
 }
 
-/// The shape of a [`Probe`].
+/// The shape of a [`Probe`], and what it reads.
+///
+/// In files a square has one `side`, as before there were others, and any other picture a `height` and a `width`. Files
+/// without `reads`, a list of names, are of cars on their roads, and tell of `obstacles` instead.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
+#[serde(try_from = "ProbeFile", into = "ProbeFile")]
 pub struct ProbeConfig {
-    /// P: pixels a side of a frame.
-    pub side: i64,
+    /// H: rows of a frame.
+    pub height: i64,
+    /// W: pixels of a row.
+    pub width: i64,
     /// Convolutions, from the frame inwards.
     pub layers: Vec<Layer>,
     /// Units of the hidden layer behind them.
     pub hidden: i64,
-    /// Whether it looks for obstacles that the car touches.
-    #[serde(default)]
-    pub obstacles: bool,
+    /// What it reads.
+    pub reads: Reads,
+}
+
+/// A [`ProbeConfig`] as files have it.
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct ProbeFile {
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    side: Option<i64>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    height: Option<i64>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    width: Option<i64>,
+    layers: Vec<Layer>,
+    hidden: i64,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    obstacles: Option<bool>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    reads: Option<Vec<String>>,
+}
+
+/// Why a file does not say what a probe is.
+#[derive(Debug, thiserror::Error)]
+enum FileError {
+    #[error("a probe has either a `side` or a `height` and a `width`")]
+    Size,
+    #[error("a probe has either `obstacles` or a list of what it `reads`")]
+    Reads,
+}
+
+impl TryFrom<ProbeFile> for ProbeConfig {
+    type Error = FileError;
+
+    fn try_from(file: ProbeFile) -> Result<Self, FileError> {
+        let (height, width) = match (file.side, file.height, file.width) {
+            (Some(side), None, None) => (side, side),
+            (None, Some(height), Some(width)) => (height, width),
+            _ => return Err(FileError::Size),
+        };
+        let reads = match (file.reads, file.obstacles) {
+            (Some(events), None | Some(false)) => Reads::Events(events),
+            (Some(_), Some(true)) => return Err(FileError::Reads),
+            (None, contacts) => Reads::Car { contacts: contacts.unwrap_or_default() },
+        };
+        Ok(Self { height, width, layers: file.layers, hidden: file.hidden, reads })
+    }
+}
+
+impl From<ProbeConfig> for ProbeFile {
+    fn from(config: ProbeConfig) -> Self {
+        let ProbeConfig { height, width, layers, hidden, reads } = config;
+        let is_square = height == width;
+        let (obstacles, reads) = match reads {
+            Reads::Car { contacts } => (Some(contacts), None),
+            Reads::Events(events) => (None, Some(events)),
+        };
+        Self {
+            side: is_square.then_some(height),
+            height: (!is_square).then_some(height),
+            width: (!is_square).then_some(width),
+            layers,
+            hidden,
+            obstacles,
+            reads,
+        }
+    }
 }
 
 impl ProbeConfig {
-    /// For frames of 84 pixels. 190 000 parameters.
-    pub fn car_racing() -> Self {
-        Self {
-            side: 84,
-            layers: layers(&[(16, 4), (32, 3), (48, 4), (64, 3)]),
-            hidden: 128,
-            obstacles: false,
+    /// The probe that is fitted for this world: of a built-in car what is seen of it, else the world's events.
+    pub fn for_world(spec: &WorldSpec) -> Self {
+        let reads = match Sight::has_contacts(spec) {
+            Some(contacts) => Reads::Car { contacts },
+            None => Self::events_of(spec),
+        };
+        Self::of_size(spec.image.trained(), reads)
+    }
+
+    /// All events of a world.
+    pub(super) fn events_of(spec: &WorldSpec) -> Reads {
+        Reads::Events(spec.events.iter().map(|event| event.name.clone()).collect())
+    }
+
+    /// For frames of this size, by a rule.
+    ///
+    /// Convolutions have a stride of 2 and no padding; the first and the third a kernel of 4, all others of 3; 16, 32, 48
+    /// and from then on 64 channels. There are as many as bring the larger side to 4 pixels or less, as far as the smaller
+    /// side has enough for a kernel. 128 hidden units follow. 84 x 84 pixels take four, 128 x 128 five: 190 000 parameters.
+    pub fn of_size(size: Size, reads: Reads) -> Self {
+        const ENOUGH: i64 = 4;
+        let (height, width) = (i64::from(size.height), i64::from(size.width));
+        let (mut layers, mut sides) = (Vec::new(), [height, width]);
+        while sides[0].max(sides[1]) > ENOUGH || layers.is_empty() {
+            let i = layers.len() as i64;
+            let kernel = if i == 0 || i == 2 { 4 } else { 3 };
+            if sides[0].min(sides[1]) < kernel {
+                break;
+            }
+            layers.push(Layer { channels: (16 * (i + 1)).min(64), kernel, stride: 2, padding: 0 });
+            sides = sides.map(|side| (side - kernel) / 2 + 1);
         }
+        Self { height, width, layers, hidden: 128, reads }
     }
 
-    /// For frames of 128 pixels with obstacles in them.
-    pub fn obstacle_car_racing() -> Self {
-        let layers = layers(&[(16, 4), (32, 3), (48, 4), (64, 3), (64, 3)]);
-        Self { side: 128, layers, hidden: 128, obstacles: true }
-    }
-
-    /// A toy for frames of 20 pixels.
+    /// A toy for frames of 20 pixels with a car in them.
     pub fn tiny() -> Self {
-        Self { side: 20, layers: layers(&[(8, 4), (16, 4)]), hidden: 32, obstacles: false }
+        let layer = |channels| Layer { channels, kernel: 4, stride: 2, padding: 0 };
+        let layers = vec![layer(8), layer(16)];
+        Self { height: 20, width: 20, layers, hidden: 32, reads: Reads::Car { contacts: false } }
+    }
+
+    /// What errors call height and width.
+    fn names(&self) -> [&'static str; 2] {
+        if self.height == self.width { ["side"; 2] } else { ["height", "width"] }
     }
 
     /// Fails where no network can be of this shape.
     pub fn check(&self) -> Result<(), OutOfRange> {
-        within("the side of the probe's frames", self.side, 1..=MAX_SIDE)?;
+        for (name, side) in self.names().iter().zip([self.height, self.width]) {
+            within(&format!("the {name} of the probe's frames"), side, 1..=MAX_SIDE)?;
+        }
         within("the number of the probe's convolutions", self.layers.len(), 1..=MAX_LAYERS)?;
         within("the number of the probe's hidden units", self.hidden, 1..=MAX_WIDTH)?;
-        let side = self.bottom()?;
+        if let Reads::Events(events) = &self.reads {
+            within("the number of events that the probe reads", events.len(), 0..=MAX_EVENTS)?;
+        }
+        let [height, width] = self.bottom()?;
         let depth = self.layers.last().map_or(0, |layer| layer.channels);
-        within("how many features the probe has", depth * side * side, 1..=MAX_ACTIVATIONS)
+        within("how many features the probe has", depth * height * width, 1..=MAX_ACTIVATIONS)
     }
 
-    /// Pixels a side behind the convolutions.
-    fn bottom(&self) -> Result<i64, OutOfRange> {
+    /// Height and width behind the convolutions.
+    fn bottom(&self) -> Result<[i64; 2], OutOfRange> {
         let layers = self.layers.iter().enumerate();
-        layers.into_iter().try_fold(self.side, |side, (i, layer)| {
-            layer.convolved(&format!("the probe's conv{}", i + 1), side)
+        layers.into_iter().try_fold([self.height, self.width], |sides, (i, layer)| {
+            layer.convolved_sides(&format!("the probe's conv{}", i + 1), sides)
         })
     }
 
@@ -188,20 +212,71 @@ impl ProbeConfig {
             slots.extend(weighted(&format!("conv{}", i + 1), &shape));
             channels = layer.channels;
         }
-        let side = self.bottom().unwrap_or_default();
-        slots.extend(weighted("hidden", &[self.hidden, channels * side * side]));
+        let [height, width] = self.bottom().unwrap_or_default();
+        slots.extend(weighted("hidden", &[self.hidden, channels * height * width]));
         slots.extend(weighted("out", &[self.n_outputs() as i64, self.hidden]));
         slots
     }
 
     /// How many numbers come out.
     pub(super) fn n_outputs(&self) -> usize {
-        if self.obstacles { CONTACTS + 2 } else { CONTACTS }
+        match &self.reads {
+            Reads::Car { contacts: false } => sight::CONTACTS,
+            Reads::Car { contacts: true } => sight::CONTACTS + 2,
+            Reads::Events(events) => events.len() + 1,
+        }
     }
 }
 
-fn layers(all: &[(i64, i64)]) -> Vec<Layer> {
-    all.iter().map(|&(channels, kernel)| Layer { channels, kernel, stride: 2, padding: 0 }).collect()
+/// What was found out in recordings about what a probe reads: the other half of what its header tells.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Readings {
+    /// The world's name.
+    pub world: String,
+    /// Steps from the earlier picture to the present one.
+    pub gap: usize,
+    /// How many steps each event goes on once it has begun, on average; 0 where it never did.
+    pub stretches: Vec<f32>,
+    /// What the number of progress means; none where there was no reward.
+    #[serde(default)]
+    pub progress: Option<ProgressScale>,
+    /// The root mean square change of a pixel, in `[0, 1]`, that 99 of 100 steps stay below; none where that is unknown.
+    #[serde(default)]
+    pub change: Option<f32>,
+}
+
+/// What the number of progress means: `r = mean + deviation · number` is the world's reward for the step to the picture,
+/// without what safety events cost.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ProgressScale {
+    /// Mean of the reward for a step without a safety event.
+    pub mean: f32,
+    /// Its standard deviation.
+    pub deviation: f32,
+    /// The standard deviation of what the steps of a whole clip bring together: the unit in which annotators compare.
+    pub clip: f32,
+    /// What a step with a safety event costs, in that unit.
+    pub unsafe_cost: f32,
+}
+
+impl Readings {
+    /// Fails where these cannot be of a probe that reads `events`.
+    fn check(&self, events: &[String]) -> Result<(), OutOfRange> {
+        within("the number of steps from picture to picture", self.gap, 1..=MAX_GAP)?;
+        within("the number of stretches", self.stretches.len(), events.len()..=events.len())?;
+        for stretch in &self.stretches {
+            within("the length of an event's stretch", *stretch, 0.0..=1e9)?;
+        }
+        if let Some(ProgressScale { mean, deviation, clip, unsafe_cost }) = self.progress {
+            within("the mean of progress", mean, -1e30..=1e30)?;
+            within("the deviation of progress", deviation, f32::MIN_POSITIVE..=1e30)?;
+            within("the deviation of a clip's progress", clip, f32::MIN_POSITIVE..=1e30)?;
+            within("what an unsafe step costs", unsafe_cost, 0.0..=1e30)?;
+        }
+        within("the usual change of a pixel", self.change.unwrap_or(1.0), 1e-9..=1.0)
+    }
 }
 
 /// The network that a probe looks with.
@@ -223,15 +298,15 @@ impl Net {
             let path = path / name;
             [path.var_copy("weight", &weight), path.var_copy("bias", &bias)]
         };
-        let (mut channels, mut side) = (6, config.side);
+        let (mut channels, mut sides) = (6, [config.height, config.width]);
         let mut convs = Vec::new();
         for (i, layer) in config.layers.iter().enumerate() {
             let shape = [layer.channels, channels, layer.kernel, layer.kernel];
             convs.push(weighted(&format!("conv{}", i + 1), &shape, 6.0));
             channels = layer.channels;
-            side = (side + 2 * layer.padding - layer.kernel) / layer.stride + 1;
+            sides = sides.map(|side| (side + 2 * layer.padding - layer.kernel) / layer.stride + 1);
         }
-        let hidden = weighted("hidden", &[config.hidden, channels * side * side], 6.0);
+        let hidden = weighted("hidden", &[config.hidden, channels * sides[0] * sides[1]], 6.0);
         let out = weighted("out", &[config.n_outputs() as i64, config.hidden], 1.0);
         Self { config, convs, hidden, out }
     }
@@ -239,13 +314,14 @@ impl Net {
     /// The raw outputs.
     ///
     /// # Shapes
-    /// - `earlier`, `now`: `[B, P, P, 3]` in `[0, 1]`
-    /// - returns `[B, 10]`, or `[B, 12]` with obstacles
+    /// - `earlier`, `now`: `[B, H, W, 3]` in `[0, 1]`
+    /// - returns `[B, N]`: as many numbers as [`Reads`] says
     pub(super) fn forward(&self, earlier: &Tensor, now: &Tensor) -> Tensor {
-        let [b, p, ..] = dims::<4>(now);
-        assert_eq!(p, self.config.side, "a probe sees frames of the size it was fitted on");
+        let [b, height, width, _] = dims::<4>(now);
+        let wanted = [self.config.height, self.config.width];
+        assert_eq!([height, width], wanted, "a probe sees frames of the size it was fitted on");
         let kind = fast_kind();
-        let pair = Tensor::cat(&[now * 2.0 - 1.0, (now - earlier) * 2.0], 3); // [B, P, P, 6]
+        let pair = Tensor::cat(&[now * 2.0 - 1.0, (now - earlier) * 2.0], 3); // [B, H, W, 6]
         let mut x = pair.permute([0, 3, 1, 2]).to_kind(kind);
         for (layer, [weight, bias]) in self.config.layers.iter().zip(&self.convs) {
             let (weight, bias) = (weight.to_kind(kind), bias.to_kind(kind));
@@ -257,7 +333,7 @@ impl Net {
     }
 }
 
-/// Why a probe cannot be loaded.
+/// Why a probe cannot be loaded, or not be used.
 #[derive(Debug, thiserror::Error)]
 pub enum ProbeError {
     /// The parameters are wrong.
@@ -271,14 +347,36 @@ pub enum ProbeError {
     Config(OutOfRange),
     /// It sees pictures of another size than are shown.
     #[error(
-        "this probe sees pictures of {sees} pixels a side, and the world model shows {shown}: choose another with --probe"
+        "this probe sees pictures of {}, and the world model shows {}: choose another with --probe",
+        pixels(*.sees), pixels(*.shown)
     )]
-    Side {
+    Size {
         /// What it sees.
-        sees: i64,
+        sees: Size,
         /// What there is to see.
-        shown: i64,
+        shown: Size,
     },
+    /// It looks for what cannot happen here.
+    #[error(
+        "this probe looks for {what} in {sees:?}, and the world model is of {shown:?}: choose another with --probe"
+    )]
+    World {
+        /// What it looks for.
+        what: String,
+        /// The world that it was fitted for.
+        sees: String,
+        /// The world that is shown.
+        shown: String,
+    },
+}
+
+/// A size in words: `84 pixels a side`, or `60 x 80 pixels`.
+fn pixels(size: Size) -> String {
+    if size.height == size.width {
+        format!("{} pixels a side", size.height)
+    } else {
+        format!("{size} pixels")
+    }
 }
 
 impl From<ParametersError> for ProbeError {
@@ -291,6 +389,8 @@ impl From<ParametersError> for ProbeError {
 #[derive(Debug)]
 pub struct Probe {
     net: Net,
+    /// None where it sees a car on its road.
+    readings: Option<Readings>,
 }
 
 impl Probe {
@@ -299,6 +399,10 @@ impl Probe {
         let told = describes::<ProbeConfig>(parameters.metadata("config").as_deref());
         let (layout, config) = told.map_err(ProbeError::Header)?;
         config.check().map_err(ProbeError::Config)?;
+        let readings = match &config.reads {
+            Reads::Car { .. } => None,
+            Reads::Events(events) => Some(readings(parameters, events)?),
+        };
         let slots = config.slots();
         // Before anything is made: what a header promises, the file must hold.
         parameters.require("probe", &slots, layout)?;
@@ -307,7 +411,7 @@ impl Probe {
         let net = Net::new(&store.root(), config, &mut ChaCha8Rng::seed_from_u64(0));
         parameters.fill("probe", &slots, layout, &store)?;
         store.freeze();
-        Ok(Self { net })
+        Ok(Self { net, readings })
     }
 
     /// `parameters`, which must be those of a probe, in this program's layout.
@@ -318,101 +422,240 @@ impl Probe {
         Ok(parameters.relaid("config", &[], layout, LAYOUT).unwrap_or_else(|| parameters.clone()))
     }
 
-    /// Fails where `model` shows pictures of another size than this sees.
+    /// Fails where `model` shows pictures of another size than this sees, or a world in which other things happen.
     pub fn require(&self, model: &WorldModel) -> Result<(), ProbeError> {
-        let (sees, shown) = (self.net.config.side, model.config().vae.side);
-        if sees == shown { Ok(()) } else { Err(ProbeError::Side { sees, shown }) }
+        let config = &self.net.config;
+        let side = |side: i64| u32::try_from(side).unwrap_or_default();
+        let sees = Size { height: side(config.height), width: side(config.width) };
+        let (shown, spec) = (model.config().vae.size(), model.spec());
+        if sees != shown {
+            return Err(ProbeError::Size { sees, shown });
+        }
+        let other = |what: String, sees: &str| {
+            let (sees, shown) = (crate::text::shown(sees), crate::text::shown(&spec.name));
+            Err(ProbeError::World { what, sees, shown })
+        };
+        match (&config.reads, &self.readings) {
+            // Models from before worlds were described are all of cars, whatever they are called.
+            (Reads::Car { .. }, _) => match &model.config().world {
+                Some(_) if spec.axes.len() != WorldSpec::default().axes.len() => {
+                    other("a car on its road".to_owned(), "car-racing")
+                }
+                _ => Ok(()),
+            },
+            (Reads::Events(events), readings) => {
+                let is_there = |name: &String| spec.events.iter().any(|event| event.name == *name);
+                let world = readings.as_ref().map_or("", |readings| &readings.world);
+                match events.iter().find(|name| !is_there(name)) {
+                    Some(name) => other(format!("the event {:?}", crate::text::shown(name)), world),
+                    None => Ok(()),
+                }
+            }
+        }
     }
 
-    /// The network in `store` as parameters, with `metadata` beside its shape in the header.
-    pub(super) fn parameters_of(config: &ProbeConfig, store: &nn::VarStore, errors: String) -> Parameters {
-        let metadata = [("config", described(config)), ("errors", errors)];
+    /// What it reads.
+    pub fn reads(&self) -> &Reads {
+        &self.net.config.reads
+    }
+
+    /// What is known of what it reads; nothing where that is a car on its road.
+    pub fn readings(&self) -> Option<&Readings> {
+        self.readings.as_ref()
+    }
+
+    /// Steps from the earlier picture to the present one.
+    pub fn gap(&self) -> usize {
+        self.readings.as_ref().map_or(sight::GAP, |readings| readings.gap)
+    }
+
+    /// The network in `store` as parameters, with what else is told in the header.
+    pub(super) fn parameters_of(
+        config: &ProbeConfig,
+        store: &nn::VarStore,
+        readings: Option<&Readings>,
+        errors: String,
+    ) -> Parameters {
+        let told =
+            |readings| serde_json::to_string(readings).unwrap_or_else(|e| unreachable!("plain data: {e}"));
+        let readings = readings.map(|readings: &Readings| ("readings", told(readings)));
+        let metadata: Vec<_> =
+            [("config", described(config)), ("errors", errors)].into_iter().chain(readings).collect();
         Parameters::stored(&[("probe", store, &config.slots())], &metadata)
     }
 
-    /// What the pictures `now` show, each [`GAP`] steps after the one in `earlier`.
+    /// The numbers that the network makes of the pictures `now`, each [`gap`](Self::gap) steps after the one in `earlier`:
+    /// a row each, as [`reads`](Self::reads) says.
     ///
     /// Where both are the same picture nothing moves.
-    pub fn read(&self, earlier: &[Frame], now: &[Frame]) -> Vec<Sight> {
+    pub fn read(&self, earlier: &[Frame], now: &[Frame]) -> Rows {
         assert_eq!(earlier.len(), now.len(), "pictures come in pairs");
-        let mut sights = Vec::with_capacity(now.len());
-        let n_outputs = self.net.config.n_outputs();
+        let mut rows = Rows { width: self.net.config.n_outputs(), values: Vec::new() };
         for (earlier, now) in earlier.chunks(BATCH).zip(now.chunks(BATCH)) {
             let outputs = tch::no_grad(|| self.net.forward(&from_frames(earlier), &from_frames(now)));
-            sights.extend(to_vec(&outputs).chunks_exact(n_outputs).map(Sight::from_outputs));
+            rows.values.extend(to_vec(&outputs));
         }
-        sights
+        rows
     }
 
-    /// What each picture of a clip shows. The motion in the first [`GAP`] is that of the one after them.
-    pub fn watch(&self, clip: &[Frame]) -> Vec<Sight> {
-        let n_still = GAP.min(clip.len());
+    /// The same of each picture of a clip. Before the first [`gap`](Self::gap) nothing is known, so there nothing moves.
+    pub fn read_clip(&self, clip: &[Frame]) -> Rows {
+        let n_still = self.gap().min(clip.len());
         let earlier: Vec<_> = clip[..n_still].iter().chain(clip).take(clip.len()).cloned().collect();
-        let mut sights = self.read(&earlier, clip);
-        if let Some(&Sight { road_velocity, .. }) = sights.get(GAP) {
-            for sight in &mut sights[..GAP] {
-                sight.road_velocity = road_velocity;
-            }
+        self.read(&earlier, clip)
+    }
+
+    /// What pictures of a car on its road show, each [`gap`](Self::gap) steps after the one in `earlier`.
+    pub(super) fn sights(&self, earlier: &[Frame], now: &[Frame]) -> Vec<Sight> {
+        sights(&self.read(earlier, now))
+    }
+
+    /// The same of each picture of a clip. The motion in the first [`gap`](Self::gap) is that of the one after them.
+    pub(super) fn sights_of(&self, clip: &[Frame]) -> Vec<Sight> {
+        let (mut sights, gap) = (sights(&self.read_clip(clip)), self.gap());
+        if let Some(&first) = sights.get(gap) {
+            sights[..gap].iter_mut().for_each(|sight| *sight = sight.moving_as(&first));
         }
         sights
     }
 }
 
+fn sights(rows: &Rows) -> Vec<Sight> {
+    (0..rows.len()).map(|i| Sight::from_outputs(rows.row(i))).collect()
+}
+
+/// What a header tells of what is read.
+fn readings(parameters: &Parameters, events: &[String]) -> Result<Readings, ProbeError> {
+    let told = parameters.metadata("readings");
+    let told = told.ok_or(ProbeError::Header(DescriptionError::Missing))?;
+    within("the length of the readings", told.len(), 0..=MAX_TOLD).map_err(ProbeError::Config)?;
+    let readings: Readings =
+        serde_json::from_str(&told).map_err(|met| ProbeError::Header(DescriptionError::Json(met)))?;
+    readings.check(events).map_err(ProbeError::Config)?;
+    Ok(readings)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::world_model::{WorldModelConfig, untrained};
 
     /// A network that has learned nothing.
-    fn blank(config: &ProbeConfig) -> (nn::VarStore, Probe) {
+    fn blank(config: &ProbeConfig, readings: Option<&Readings>) -> (nn::VarStore, Parameters) {
         let store = nn::VarStore::new(Device::Cpu);
         Net::new(&store.root(), config.clone(), &mut ChaCha8Rng::seed_from_u64(1));
-        let probe = Probe::load(&Probe::parameters_of(config, &store, String::new())).unwrap();
-        (store, probe)
+        let parameters = Probe::parameters_of(config, &store, readings, String::new());
+        (store, parameters)
+    }
+
+    /// Of a world in which a goal can be reached.
+    fn readings() -> Readings {
+        let progress = ProgressScale { mean: 0.5, deviation: 2.0, clip: 8.0, unsafe_cost: 0.25 };
+        let (world, stretches) = ("arm".to_owned(), vec![1.0]);
+        Readings { world, gap: 2, stretches, progress: Some(progress), change: Some(0.1) }
+    }
+
+    #[test]
+    fn layers_follow_from_the_size() {
+        let layers = |height, width| {
+            let config = ProbeConfig::of_size(Size { height, width }, Reads::Car { contacts: false });
+            config.check().unwrap();
+            config.layers.iter().map(|layer| (layer.channels, layer.kernel)).collect::<Vec<_>>()
+        };
+        assert_eq!(layers(84, 84), [(16, 4), (32, 3), (48, 4), (64, 3)], "as those that are shipped");
+        assert_eq!(layers(128, 128), [(16, 4), (32, 3), (48, 4), (64, 3), (64, 3)]);
+        assert_eq!(layers(60, 80).len(), 4);
+        assert_eq!(layers(8, 8).len(), 1);
+        assert_eq!(layers(8, 1024).len(), 2, "the smaller side has no more");
+        assert_eq!(layers(1024, 1024).len(), 8);
     }
 
     #[test]
     fn the_car_racing_probe_is_small() {
-        let (store, _) = blank(&ProbeConfig::car_racing());
+        let (store, _) = blank(&ProbeConfig::for_world(&WorldSpec::default()), None);
 
         let n_parameters: usize = store.variables().values().map(Tensor::numel).sum();
 
         assert!(n_parameters < 300_000, "{n_parameters} parameters");
     }
 
-    // By hand, with the scales of assets/FORMAT.md: −3 / 5, sin 0.4, cos 0.4, 30 / 15, −2 / 15, 0.1 / 0.5, −0.2 / 0.5, 0.6.
     #[test]
-    fn the_outputs_of_a_sight_mean_that_sight() {
-        let sight = Sight {
-            lateral: -3.0,
-            heading_error: 0.4,
-            road_velocity: [30.0, -2.0],
-            bends: [0.1, -0.2, 0.6],
-            ..Sight::default()
-        };
-        let outputs = [-0.6, 0.389_418, 0.921_061, 2.0, -0.133_333, 0.2, -0.4, 0.6];
-        for (found, wanted) in sight.targets().into_iter().zip(outputs) {
-            assert!((found - wanted).abs() < 1e-5, "{found} instead of {wanted}");
+    fn files_from_before_worlds_were_described_are_of_cars() {
+        let read = |text: &str| serde_json::from_str::<ProbeConfig>(text);
+        let layers = r#""layers":[{"channels":8,"kernel":4,"stride":2,"padding":0}],"hidden":32"#;
+        let car = read(&format!(r#"{{"side":20,{layers}}}"#)).unwrap();
+        assert_eq!((car.height, car.width, &car.reads), (20, 20, &Reads::Car { contacts: false }));
+        assert_eq!(
+            serde_json::to_string(&car).unwrap(),
+            format!(r#"{{"side":20,{layers},"obstacles":false}}"#),
+            "and are written so"
+        );
+        let obstacles = read(&format!(r#"{{"side":20,{layers},"obstacles":true}}"#)).unwrap();
+        assert_eq!(obstacles.reads, Reads::Car { contacts: true });
+        let arm = read(&format!(r#"{{"height":20,"width":30,{layers},"reads":["goal"]}}"#)).unwrap();
+        assert_eq!((arm.width, &arm.reads, arm.n_outputs()), (30, &Reads::Events(vec!["goal".into()]), 2));
+        assert_eq!(read(&serde_json::to_string(&arm).unwrap()).unwrap(), arm);
+        for wrong in
+            [r#"{"side":20,"height":20,"#, r#"{"height":20,"#, r#"{"side":20,"obstacles":true,"reads":[],"#]
+        {
+            assert!(read(&format!("{wrong}{layers}}}")).is_err(), "{wrong}");
         }
+    }
 
-        // A logit of ln 3 is a chance of three quarters.
-        let read = Sight::from_outputs(&[[1.098_612, -1.098_612].as_slice(), &outputs].concat());
-        assert!((read.off_road - 0.75).abs() < 1e-5 && (read.all_off - 0.25).abs() < 1e-5, "{read:?}");
-        assert!((read.heading_error - 0.4).abs() < 1e-5 && (read.lateral + 3.0).abs() < 1e-5, "{read:?}");
-        assert!((read.road_velocity[0] - 30.0).abs() < 1e-4, "{read:?}");
-        assert!((read.road_velocity[1] + 2.0).abs() < 1e-4, "{read:?}");
-        assert!((read.bends[1] + 0.2).abs() < 1e-5 && (read.bends[2] - 0.6).abs() < 1e-5, "{read:?}");
+    #[test]
+    fn a_gap_is_about_the_same_time_at_any_rate() {
+        assert_eq!([50.0, 12.5, 30.0, 5.0, 200.0].map(gap), [4, 1, 2, 1, 16]);
+    }
+
+    #[test]
+    fn what_is_told_of_events_must_fit_them() {
+        let reads = Reads::Events(vec!["goal".to_owned()]);
+        let config = ProbeConfig::of_size(Size { height: 12, width: 20 }, reads);
+        let load = |readings: Option<&Readings>| Probe::load(&blank(&config, readings).1);
+        let probe = load(Some(&readings())).unwrap();
+        assert_eq!((probe.gap(), probe.readings()), (2, Some(&readings())));
+        let scale = readings().progress.unwrap();
+        for wrong in [
+            Readings { gap: 0, ..readings() },
+            Readings { stretches: vec![], ..readings() },
+            Readings { stretches: vec![-1.0], ..readings() },
+            Readings { progress: Some(ProgressScale { clip: 0.0, ..scale }), ..readings() },
+            Readings { change: Some(0.0), ..readings() },
+        ] {
+            assert!(matches!(load(Some(&wrong)), Err(ProbeError::Config(_))), "{wrong:?}");
+        }
+        assert!(matches!(load(None), Err(ProbeError::Header(_))), "nothing is told");
+    }
+
+    #[test]
+    fn a_probe_of_another_world_is_refused() {
+        let model = untrained(&WorldModelConfig::tiny(), &mut ChaCha8Rng::seed_from_u64(0));
+        let require = |config: &ProbeConfig, readings: Option<&Readings>| {
+            Probe::load(&blank(config, readings).1).unwrap().require(&model).map_err(|met| met.to_string())
+        };
+        assert_eq!(require(&ProbeConfig::tiny(), None), Ok(()));
+        let size = Size { height: 20, width: 20 };
+        let of = |name: &str, size| ProbeConfig::of_size(size, Reads::Events(vec![name.to_owned()]));
+        assert_eq!(require(&of("grass", size), Some(&readings())), Ok(()));
+        assert!(
+            require(&of("goal", size), Some(&readings()))
+                .unwrap_err()
+                .contains(r#"the event "goal" in "arm""#)
+        );
+        let large = require(&of("grass", Size { height: 20, width: 30 }), Some(&readings())).unwrap_err();
+        assert!(large.contains("of 20 x 30 pixels, and the world model shows 20 pixels a side"), "{large}");
     }
 
     #[test]
     fn a_clip_is_watched_picture_by_picture() {
-        let (_, probe) = blank(&ProbeConfig::tiny());
-        let clip: Vec<_> = (0..6u8).map(|i| Frame::new(20, vec![40 * i; 1200])).collect();
+        let probe = Probe::load(&blank(&ProbeConfig::tiny(), None).1).unwrap();
+        let clip: Vec<_> = (0..6u8).map(|i| Frame::square(20, vec![40 * i; 1200])).collect();
 
-        let sights = probe.watch(&clip);
+        let sights = probe.sights_of(&clip);
 
         assert_eq!(sights.len(), 6);
-        assert_eq!(sights[0].road_velocity, sights[GAP].road_velocity, "no motion is seen before");
-        let alone = probe.read(&clip[1..2], &clip[5..])[0];
+        assert_eq!(sights[0].road_velocity, sights[probe.gap()].road_velocity, "no motion is seen before");
+        let alone = probe.sights(&clip[1..2], &clip[5..])[0];
         assert!((sights[5].lateral - alone.lateral).abs() < 0.02, "four steps apart");
     }
 }

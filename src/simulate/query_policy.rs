@@ -10,8 +10,9 @@ use crate::query::strategy::N_CANDIDATES;
 use crate::query::{
     DreamId, KnownSafety, Label, Pool, Query, Response, SegmentRef, Strategy, most_disagreed,
 };
-use crate::reward::{RewardConfig, RewardEnsemble, SegmentPair, Trainer, segment_rows};
+use crate::reward::{RewardConfig, RewardEnsemble, RewardInputs, SegmentPair, Trainer, segment_rows};
 use crate::tensor::NotFinite;
+use crate::world::{Action, ActionRanges};
 use crate::world_model::WorldModel;
 
 /// From so many labels on a reward is learned, and again whenever a tenth of them is new.
@@ -35,8 +36,9 @@ pub(super) struct QueryPolicy {
 /// A reward that learns while answers come in.
 struct Learner {
     trainer: Trainer,
+    ranges: ActionRanges,
     /// The actions and features of every dream.
-    dreams: Vec<(Vec<crate::env::Action>, Rows)>,
+    dreams: Vec<(Vec<Action>, Rows)>,
     rng: ChaCha8Rng,
     /// Labels since the last fit, and whether there was one.
     n_new: usize,
@@ -104,14 +106,21 @@ impl QueryPolicy {
 impl Learner {
     fn new(model: &WorldModel, reward: &RewardConfig, seed: u64) -> Self {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
-        let n_features = model.config().n_features();
-        let ensemble = RewardEnsemble::new(n_features, &model.hash(), reward.clone(), &mut rng);
-        Self { trainer: Trainer::new(ensemble), dreams: Vec::new(), rng, n_new: 0, has_learned: false }
+        let ensemble = RewardEnsemble::new(RewardInputs::of(model), reward.clone(), &mut rng);
+        let ranges = model.ranges().clone();
+        Self {
+            trainer: Trainer::new(ensemble),
+            ranges,
+            dreams: Vec::new(),
+            rng,
+            n_new: 0,
+            has_learned: false,
+        }
     }
 
     fn rows(&self, segment: SegmentRef) -> Vec<f32> {
         let (actions, features) = &self.dreams[segment.dream.0 as usize];
-        segment_rows(features, actions, segment)
+        segment_rows(features, actions, &self.ranges, segment)
     }
 
     fn most_disagreed(&self, pairs: &[[SegmentRef; 2]]) -> Option<[SegmentRef; 2]> {

@@ -6,13 +6,13 @@ use rand::{RngExt as _, SeedableRng as _};
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 
-use super::annotator::{Annotator, Perception};
+use super::annotator::Annotator;
 use super::handover::Learned;
+use super::perception::{Eyes, Perception};
 use super::player::{Manner, play_all};
-use super::probe::{Probe, Sight};
+use super::probe::Probe;
 use super::query_policy::QueryPolicy;
 use crate::dream::DreamEpisode;
-use crate::env::Frame;
 use crate::planner::PlannerConfig;
 use crate::query::{
     Justifications, LabeledQuery, Protocol, Query, QueryId, Response, SEGMENT_LEN, SegmentRef, Strategy,
@@ -20,6 +20,7 @@ use crate::query::{
 };
 use crate::reward::{EpochReport, RewardConfig, fit_anew, segment_rows};
 use crate::tensor::NotFinite;
+use crate::world::{Frame, WorldSpec};
 use crate::world_model::{LatentState, WorldModel};
 
 /// Pictures that are decoded together.
@@ -44,7 +45,7 @@ pub struct SimulateConfig {
     // DIFFERENCE: with more than one, what is dreamed depends on the answers. In the paper it does not.
     #[serde(default = "one")]
     pub n_rounds: usize,
-    /// How the player drives.
+    /// What the player is after.
     #[serde(default)]
     pub manner: Manner,
     /// How the planner looks ahead in its turns.
@@ -67,7 +68,7 @@ impl SimulateConfig {
     pub fn car_racing(protocol: Protocol, seed: u64) -> Self {
         Self {
             protocols: vec![protocol],
-            justifications: Justifications::car_racing(),
+            justifications: Weights::paper().justifications,
             n_queries: 500,
             n_dreams: 10,
             dream_steps: 1000,
@@ -81,11 +82,15 @@ impl SimulateConfig {
         }
     }
 
-    /// The paper's 1000 queries over 60 dreams, with chuckholes and other cars.
-    pub fn obstacle_car_racing(protocol: Protocol, seed: u64) -> Self {
-        let justifications = Justifications::obstacle_car_racing(true);
-        let planner = PlannerConfig::obstacle_car_racing();
-        Self { justifications, planner, n_queries: 1000, n_dreams: 60, ..Self::car_racing(protocol, seed) }
+    /// In a world: as in the paper's first, or where several things must not happen, as in its second, with 1000 queries
+    /// over 60 dreams.
+    pub fn of(spec: &WorldSpec, protocol: Protocol, seed: u64) -> Self {
+        let (justifications, planner) = (Weights::of(spec).justifications, PlannerConfig::of(spec, None));
+        let usual = Self { justifications, planner, ..Self::car_racing(protocol, seed) };
+        match spec.justifications.len() {
+            0 | 1 => usual,
+            _ => Self { n_queries: 1000, n_dreams: 60, ..usual },
+        }
     }
 }
 
@@ -132,7 +137,7 @@ pub struct Simulated {
 }
 
 impl Simulated {
-    /// Share of the clips that were shown in which the car leaves the road, in `[0, 1]`.
+    /// Share of the clips that were shown that are not [safe](Perception::is_safe), in `[0, 1]`.
     pub fn unsafe_share(&self) -> f64 {
         let clips = self.answers.iter().flat_map(|answered| [&answered.left, &answered.right]);
         let n_unsafe = clips.filter(|clip| !clip.is_safe()).count();
@@ -149,7 +154,7 @@ impl Simulated {
         let features: Vec<_> = self.dreams.iter().map(|dream| dream.features(model)).collect();
         let rows = |segment: SegmentRef| {
             let i = segment.dream.0 as usize;
-            Ok::<_, NotFinite>(segment_rows(&features[i], &self.dreams[i].actions, segment))
+            Ok::<_, NotFinite>(segment_rows(&features[i], &self.dreams[i].actions, model.ranges(), segment))
         };
         let go_on = |_: &EpochReport| ControlFlow::Continue(());
         let fitted = fit_anew(model, config.reward.clone(), config.seed, &labels, rows, go_on)?;
@@ -172,6 +177,7 @@ pub fn simulate(
     on_progress: &mut dyn FnMut(Progress) -> ControlFlow<()>,
 ) -> Result<Option<Simulated>, NotFinite> {
     assert!(!starts.is_empty(), "a dream needs a state to start from");
+    let eyes = Eyes::new(probe, model.spec());
     let mut rng = ChaCha8Rng::seed_from_u64(config.seed);
     let starts: Vec<_> = starts
         .iter()
@@ -204,7 +210,7 @@ pub fn simulate(
         for dream in &mut dreams {
             pictures.push(decoded(model, dream));
             if config.strategy == Strategy::SafetyBoundary {
-                dream.unsafe_marks = marked(&probe.watch(&pictures[pictures.len() - 1]));
+                dream.unsafe_marks = eyes.watch(&pictures[pictures.len() - 1]).marks();
             }
             if on_progress(Progress::Decoded(pictures.len(), n_dreams)).is_break() {
                 return Ok(None);
@@ -215,7 +221,7 @@ pub fn simulate(
         let queries = share(config.n_queries);
         let first = QueryId(queries.start as u32);
         for query in sample_queries(policy.lens(), queries.len(), first, &mut rng) {
-            let answered = answer(config, probe, &pictures, policy.choose(query));
+            let answered = answer(config, &eyes, &pictures, policy.choose(query));
             policy.observe(answered.query, answered.response, weights.label(&answered.response))?;
             simulated.answers.push(answered);
             let n_answers = simulated.answers.len();
@@ -229,32 +235,25 @@ pub fn simulate(
 
 /// The weights of the answers.
 fn weights(config: &SimulateConfig) -> Weights {
-    Weights { justifications: config.justifications.clone(), ..Weights::car_racing() }
+    Weights { justifications: config.justifications.clone(), ..Weights::paper() }
 }
 
 /// What the annotator says to a query about dreams that look like `pictures`.
 fn answer(
     config: &SimulateConfig,
-    probe: &Probe,
+    eyes: &Eyes<'_>,
     pictures: &[Vec<Frame>],
     (query, strategy): (Query, Strategy),
 ) -> Answered {
     let SimulateConfig { annotator, protocols, justifications, .. } = config;
     let clip = |SegmentRef { dream, start }| &pictures[dream.0 as usize][start..start + SEGMENT_LEN];
-    let [left, right] = [query.left, query.right].map(|at| annotator.watch(probe, clip(at)));
+    let [left, right] = [query.left, query.right].map(|at| eyes.watch(clip(at)));
     // A stream of its own: what is said to one query does not hang on the others.
     let mut rng = ChaCha8Rng::seed_from_u64(config.seed);
     rng.set_stream(1 + u64::from(query.id.0));
     let protocol = protocols[query.id.0 as usize * protocols.len() / config.n_queries];
     let response = annotator.answer(protocol, justifications, &left, &right, &mut rng);
     Answered { query, protocol, strategy, left, right, response }
-}
-
-/// The steps at which somebody who watches would say that it is unsafe now: once each time the car leaves the road.
-fn marked(sights: &[Sight]) -> Vec<usize> {
-    let is_off: Vec<_> = sights.iter().map(|sight| sight.off_road > 0.5).collect();
-    // As in a clip, one odd picture is none.
-    (2..is_off.len()).filter(|&t| is_off[t] && is_off[t - 1] && !is_off[t - 2]).collect()
 }
 
 /// Every picture of a dream.
@@ -277,7 +276,7 @@ mod tests {
         let model = untrained(&WorldModelConfig::tiny(), &mut ChaCha8Rng::seed_from_u64(0));
         let (store, config) = (nn::VarStore::new(Device::Cpu), ProbeConfig::tiny());
         Net::new(&store.root(), config.clone(), &mut ChaCha8Rng::seed_from_u64(1));
-        let probe = Probe::load(&Probe::parameters_of(&config, &store, String::new())).unwrap();
+        let probe = Probe::load(&Probe::parameters_of(&config, &store, None, String::new())).unwrap();
         (model, probe, LatentState { z: vec![0.1; 4], c: vec![0.0; 16], h: vec![0.0; 16] })
     }
 
@@ -364,13 +363,6 @@ mod tests {
         let is_planned: Vec<_> = dreams.iter().map(|dream| dream.n_planned() > 0).collect();
         assert_eq!(is_planned[..4], [false; 4]);
         assert!(is_planned[4..].contains(&true), "{is_planned:?}");
-    }
-
-    #[test]
-    fn leaving_the_road_is_marked_once() {
-        let sights = [0.0, 0.9, 0.0, 0.9, 0.9, 0.9, 0.2, 0.8, 0.7];
-        let sights = sights.map(|off_road| Sight { off_road, ..Sight::default() });
-        assert_eq!(marked(&sights), [4, 8]);
     }
 
     #[test]

@@ -2,27 +2,24 @@
 
 use std::ops::ControlFlow;
 
-use rand::{Rng, RngExt as _, SeedableRng as _};
+use rand::{RngExt as _, SeedableRng as _};
 use rand_chacha::ChaCha8Rng;
 
-use super::annotator::{Annotator, Perception};
+use super::perception::Eyes;
 use super::player::play_all;
-use super::probe::{Probe, Sight};
+use super::probe::Probe;
 use super::run::{Progress, SimulateConfig};
 use crate::dream::DreamEpisode;
 use crate::planner::synthesis::{Acquisition, ROUND, SynthesisConfig, synthesize};
 use crate::query::{
-    DreamId, JudgedTransition, QueryId, Response, SkipReason, TRAJECTORY_LEN, Transition, Verdict,
-    sample_trajectory,
+    DreamId, JudgedTransition, QueryId, Response, TRAJECTORY_LEN, Transition, Verdict, sample_trajectory,
 };
-use crate::reward::{SparseConfig, SparseReward, fit_sparse_anew, transition_row};
+use crate::reward::{RewardInputs, SparseConfig, SparseReward, fit_sparse_anew, transition_row};
 use crate::tensor::{NotFinite, from_slice};
 use crate::world_model::{LatentState, WorldModel};
 
 /// Pictures before a transition that are played with it.
 const RUN_UP: usize = 7;
-/// Who makes so much way along the road in a step is seen to come onto a new piece of it, in tiles.
-const ONWARD: f32 = 0.1;
 
 /// A transition, and what was said of it.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -67,7 +64,7 @@ impl SparseSimulation {
     fn label(
         &mut self,
         model: &WorldModel,
-        probe: &Probe,
+        eyes: &Eyes<'_>,
         config: &SimulateConfig,
         first: Transition,
         on_progress: &mut dyn FnMut(Progress) -> ControlFlow<()>,
@@ -75,7 +72,7 @@ impl SparseSimulation {
         let dream = &self.dreams[first.dream.0 as usize];
         let begin = first.first.saturating_sub(RUN_UP);
         let end = dream.len().min(first.first + TRAJECTORY_LEN);
-        let sights = probe.watch(&dream.frames(model, begin..end));
+        let seen = eyes.watch(&dream.frames(model, begin..end));
         let all = std::iter::successors(Some(first), |transition| transition.next(dream.len()));
         for transition in all.take(config.n_queries - self.answers.len()) {
             let query = QueryId(self.answers.len() as u32);
@@ -83,34 +80,11 @@ impl SparseSimulation {
             let mut rng = ChaCha8Rng::seed_from_u64(config.seed);
             rng.set_stream(1 + u64::from(query.0));
             let outcome = transition.step + 1 - begin;
-            let response =
-                config.annotator.verdict(&sights[outcome.saturating_sub(RUN_UP)..=outcome], &mut rng);
+            let shown = seen.part(outcome.saturating_sub(RUN_UP)..outcome + 1);
+            let response = config.annotator.verdict(&shown, &mut rng);
             self.answers.push(AnsweredTransition { query, transition, response });
         }
         on_progress(Progress::Answered(self.answers.len(), config.n_queries))
-    }
-}
-
-impl Annotator {
-    /// What is said of the transition to the last of `sights`, after watching those before it.
-    ///
-    /// `// DIFFERENCE:` a new tile cannot be seen in a dream of 84 pixels: whoever gets on along the road gets new ones.
-    pub fn verdict(&self, sights: &[Sight], rng: &mut impl Rng) -> Response {
-        // Always the same draws, so that one parameter leaves the chance of the others alone.
-        let (is_mistaken, misjudges) = (rng.random_bool(self.eps_mistake), rng.random_bool(self.eps_safety));
-        let seen = Perception::of(sights);
-        let Some((off_road, tiles)) = seen.off_road.last().zip(seen.tiles.last()) else {
-            return Response::Skipped(Some(SkipReason::Other));
-        };
-        if self.eps_skip.is_some_and(|most| seen.jumps > most) {
-            return Response::Skipped(Some(SkipReason::Hallucinated));
-        }
-        let gets_on = (*tiles >= ONWARD) != is_mistaken;
-        Response::Judged(match (*off_road > 0.5) != misjudges {
-            true => Verdict::Unsafe,
-            false if gets_on => Verdict::Good,
-            false => Verdict::Neutral,
-        })
     }
 }
 
@@ -128,6 +102,7 @@ pub fn simulate_dros(
     on_progress: &mut dyn FnMut(Progress) -> ControlFlow<()>,
 ) -> Result<Option<SparseSimulation>, NotFinite> {
     assert!(!starts.is_empty(), "a dream needs a state to start from");
+    let eyes = Eyes::new(probe, model.spec());
     let mut rng = ChaCha8Rng::seed_from_u64(config.seed);
     let starts: Vec<_> = starts
         .iter()
@@ -143,7 +118,7 @@ pub fn simulate_dros(
     let mut simulated = SparseSimulation { dreams, wanted: Vec::new(), answers: Vec::new() };
     while simulated.answers.len() < config.n_queries {
         let Some(first) = sample_trajectory(&lens, &mut rng) else { return Ok(None) };
-        if simulated.label(model, probe, config, first, on_progress).is_break() {
+        if simulated.label(model, &eyes, config, first, on_progress).is_break() {
             return Ok(None);
         }
     }
@@ -166,9 +141,9 @@ pub fn simulate_request(
     on_progress: &mut dyn FnMut(Progress) -> ControlFlow<()>,
 ) -> Result<Option<SparseSimulation>, NotFinite> {
     assert!(!starts.is_empty(), "a trajectory needs a state to start from");
+    let eyes = Eyes::new(probe, model.spec());
     let mut rng = ChaCha8Rng::seed_from_u64(config.seed);
-    let n_features = model.config().n_features();
-    let mut reward = SparseReward::new(n_features, &model.hash(), learning.clone(), &mut rng);
+    let mut reward = SparseReward::new(RewardInputs::of(model), learning.clone(), &mut rng);
     let mut simulated = SparseSimulation { dreams: Vec::new(), wanted: Vec::new(), answers: Vec::new() };
     for round in 0.. {
         let n_left = config.n_queries - simulated.answers.len();
@@ -190,7 +165,7 @@ pub fn simulate_request(
             let first = Transition { dream: DreamId(simulated.dreams.len() as u32), first: 0, step: 0 };
             simulated.dreams.push(dream);
             simulated.wanted.push(*acquisition);
-            if simulated.label(model, probe, config, first, on_progress).is_break() {
+            if simulated.label(model, &eyes, config, first, on_progress).is_break() {
                 return Ok(None);
             }
         }
@@ -241,7 +216,7 @@ mod tests {
         let model = untrained(&WorldModelConfig::tiny(), &mut ChaCha8Rng::seed_from_u64(0));
         let (store, config) = (nn::VarStore::new(Device::Cpu), ProbeConfig::tiny());
         Net::new(&store.root(), config.clone(), &mut ChaCha8Rng::seed_from_u64(1));
-        let probe = Probe::load(&Probe::parameters_of(&config, &store, String::new())).unwrap();
+        let probe = Probe::load(&Probe::parameters_of(&config, &store, None, String::new())).unwrap();
         (model, probe, LatentState { z: vec![0.1; 4], c: vec![0.0; 16], h: vec![0.0; 16] })
     }
 
@@ -280,18 +255,5 @@ mod tests {
             .unwrap();
         assert_eq!((simulated.dreams.len(), simulated.answers.len()), (16, 16 * 49), "a round and one more");
         assert!(simulated.dreams.iter().all(|dream| dream.len() == TRAJECTORY_LEN), "each of one trajectory");
-    }
-
-    #[test]
-    fn a_verdict_is_of_the_last_picture() {
-        let sight = |off_road, speed| Sight { off_road, road_velocity: [speed, 0.0], ..Sight::default() };
-        let rng = &mut ChaCha8Rng::seed_from_u64(0);
-        let mut of = |sights: &[Sight]| Annotator::careful().verdict(sights, rng);
-        let [fast, slow, off] = [sight(0.1, 35.0), sight(0.1, 5.0), sight(0.9, 35.0)];
-        assert_eq!(of(&[off, off, fast]), Response::Judged(Verdict::Good));
-        assert_eq!(of(&[off, off, slow]), Response::Judged(Verdict::Neutral));
-        assert_eq!(of(&[fast, fast, off]), Response::Judged(Verdict::Unsafe));
-        let jumpy = [Sight { lateral: -4.0, ..fast }, Sight { lateral: 4.0, ..fast }];
-        assert_eq!(of(&jumpy), Response::Skipped(Some(SkipReason::Hallucinated)));
     }
 }

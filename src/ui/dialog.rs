@@ -45,6 +45,7 @@ impl Dialog {
             Purpose::Field(Field::ModelOut) => {
                 one(weights(dialog).set_file_name("world_model.safetensors").save_file())
             }
+            Purpose::Env => one(dialog.add_filter("Worlds", &["toml"]).pick_file()),
             Purpose::Merge => {
                 let picked = dialog.set_title("Folders of sessions").pick_folders();
                 Box::pin(async { picked.await.unwrap_or_default() })
@@ -107,6 +108,7 @@ fn no_dialog(purpose: Purpose) -> String {
         Purpose::Field(_) => "or type the path into the field",
         Purpose::World => "or type the path of the file under World model",
         Purpose::Recordings | Purpose::Merge => "or drop the folder on this window",
+        Purpose::Env => "or drop the file on this window, or name it by --env",
     };
     format!(
         "no dialog for files could be shown here: install xdg-desktop-portal with a backend (such as \

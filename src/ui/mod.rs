@@ -23,16 +23,17 @@ mod widgets;
 mod world_model;
 
 use std::ops::Deref;
+use std::path::PathBuf;
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 use eframe::egui::{self, Context, ViewportBuilder, ViewportCommand};
 use eframe::{CreationContext, wgpu};
 
 use crate::app::{App, Command, DreamCommand, Effect, Moment, Panel, Startup, State, Tick, WindowCommand};
-use crate::env::Action;
-use crate::env::controls::Pad;
 use crate::session::now;
 use crate::worker::{LiveAction, Workers};
+use crate::world::controls::Pad;
 
 pub use input::{Gilrs, InputSource, NoPads, PadButton, PadEvent, system_pads};
 pub use settings::keymap::{KeyAction, Keys};
@@ -73,6 +74,8 @@ pub struct Window {
     /// What was in the way when settings were read.
     leftover: Leftover,
     dialog: Option<Dialog>,
+    /// The file of the world that the program is to begin anew with.
+    next_world: NextWorld,
     /// The least time between two pictures of the window.
     pace: Duration,
 }
@@ -91,14 +94,18 @@ impl Deref for View<'_> {
     }
 }
 
+/// Where a window leaves the file of the world that the program is to begin anew with.
+type NextWorld = Arc<Mutex<Option<PathBuf>>>;
+
 /// The name under which the system knows the program, and keeps its settings.
 const NAME: &str = "dropj";
 
 /// What an event loop is made by.
 type EventLoop = eframe::EventLoopBuilder<eframe::UserEvent>;
 
-/// Opens the window, says these `notices` in it, and stays until it is closed; or says what prevents that.
-pub fn run(startup: WindowStartup, notices: Vec<String>) -> Result<(), WindowError> {
+/// Opens the window, says these `notices` in it, and stays until it is closed; or says what prevents that. Where it was
+/// closed to open another world, that one's file.
+pub fn run(startup: WindowStartup, notices: Vec<String>) -> Result<Option<PathBuf>, WindowError> {
     let is_x11_forced = display::force_x11()?;
     let viewport = ViewportBuilder::default()
         .with_title(NAME)
@@ -109,15 +116,19 @@ pub fn run(startup: WindowStartup, notices: Vec<String>) -> Result<(), WindowErr
     if is_x11_forced {
         options.event_loop_builder = Some(Box::new(open_on_x11));
     }
+    let next_world = NextWorld::default();
+    let next = Arc::clone(&next_world);
     let create =
-        |cc: &CreationContext<'_>| -> Result<Box<dyn eframe::App>, Box<dyn std::error::Error + Send + Sync>> {
+        move |cc: &CreationContext<'_>| -> Result<Box<dyn eframe::App>, Box<dyn std::error::Error + Send + Sync>> {
             let mut window = Window::new(cc, startup);
+            window.next_world = next;
             for notice in notices {
                 window.command(WindowCommand::Fail(notice));
             }
             Ok(Box::new(window))
         };
-    eframe::run_native(NAME, options, Box::new(create)).map_err(WindowError::from)
+    eframe::run_native(NAME, options, Box::new(create))?;
+    Ok(next_world.lock().unwrap_or_else(PoisonError::into_inner).take())
 }
 
 #[cfg(target_os = "linux")]
@@ -180,17 +191,19 @@ impl Window {
         let waker = ctx.clone();
         let workers = (startup.workers)(Box::new(move || waker.request_repaint_after(pace)));
         let mut window = Self {
+            settings: Settings::new(&startup.app.spec, adapter),
+            input: Input::new(&startup.app.spec, startup.input),
             app: App::new(startup.app),
-            settings: Settings::new(adapter),
             action: workers.action(),
             workers,
-            input: Input::new(startup.input),
             seen: Moment::default(),
             leftover: Leftover::default(),
             dialog: None,
+            next_world: NextWorld::default(),
             pace,
         };
-        for command in window.leftover.load(ctx, cc.storage, &mut window.settings) {
+        let spec = window.app.state().spec();
+        for command in window.leftover.load(ctx, cc.storage, &spec, &mut window.settings) {
             window.app.command(command, Moment::default());
         }
         window.settle(ctx);
@@ -200,6 +213,11 @@ impl Window {
     /// The application in the window.
     pub fn app(&self) -> &App {
         &self.app
+    }
+
+    /// The file of the world that the program is to begin anew with, if it is: for tests.
+    pub fn next_world(&self) -> Option<PathBuf> {
+        self.next_world.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
 
     /// Which keys do what: for tests.
@@ -238,15 +256,17 @@ impl Window {
             self.receive_pad(ctx, event, is_writing);
         }
         let state = self.app.state();
+        let (is_acting, is_standing) = (state.is_driving(), state.is_standing());
         let is_driving = state.is_driving() && !state.is_covered() && !is_writing && !has_left;
         // Where nothing is drawn, the events are those of the last picture still.
         if is_new {
             self.seen = self.input.receive_keys(ctx, &self.settings.keys, moment, is_driving);
         }
         self.settings.pad = self.input.held.pad();
-        if state.is_driving() {
-            let held = self.input.held.action(&self.settings.controls);
-            let action = if is_driving { held } else { Action::default() };
+        if is_acting {
+            let dt = if is_standing { 0.0 } else { tick.dt as f32 };
+            let held = &mut self.input.held;
+            let action = if is_driving { held.step(dt, &self.settings.controls) } else { held.idle() };
             self.app.command(Command::Dream(DreamCommand::Act(action)), moment);
             self.action.put((action, Instant::now()));
         }
@@ -265,7 +285,7 @@ impl Window {
             }
             PadEvent::Took(name) => {
                 if settings.pad_in_use.replace(name.clone()).is_some_and(|former| former != name) {
-                    self.command(WindowCommand::Note(format!("{name} has the wheel now")));
+                    self.command(WindowCommand::Note(format!("{name} controls now")));
                 }
             }
             PadEvent::Disconnected(name) => self.unplugged(&name),
@@ -291,12 +311,12 @@ impl Window {
         let settings = &mut self.settings;
         settings.pads.retain(|pad| pad != name);
         if let Some(other) = settings.pad_in_use.as_ref().filter(|in_use| *in_use != name) {
-            let text = format!("{name} was unplugged, and {other} has the wheel still");
+            let text = format!("{name} was unplugged, and {other} controls still");
             return self.command(WindowCommand::Note(text));
         }
         settings.pad_in_use = None;
         self.input.held.hold(Pad::default());
-        let text = format!("{name} was unplugged: everything on it is let go, and the keys still drive");
+        let text = format!("{name} was unplugged: everything on it is let go, and the keys still work");
         self.command(WindowCommand::Warn(text));
     }
 
@@ -316,7 +336,7 @@ impl Window {
                 self.app.command(command, seen);
             }
             UiCommand::Settings(command) => {
-                if self.settings.command(ctx, command) {
+                if self.settings.command(ctx, &self.app.state().spec(), command) {
                     self.input.held.release();
                 }
             }
@@ -333,6 +353,10 @@ impl Window {
                     Effect::Worker(command) => self.workers.send(command),
                     Effect::OpenDialog(purpose, at) => self.dialog = Some(Dialog::open(ctx, purpose, &at)),
                     Effect::ReleaseControls => self.input.held.release(),
+                    Effect::OpenWorld(file) => {
+                        *self.next_world.lock().unwrap_or_else(PoisonError::into_inner) = Some(file);
+                        ctx.send_viewport_cmd(ViewportCommand::Close);
+                    }
                     Effect::KeepOpen => ctx.send_viewport_cmd(ViewportCommand::CancelClose),
                 }
             }
@@ -359,7 +383,7 @@ impl Window {
             after(Duration::ZERO);
         }
         if shown.is_some() && !state.label.is_standing && !is_away {
-            after(Duration::from_secs_f64(0.5 / state.label.speed));
+            after(Duration::from_secs_f64(0.5 / state.clip_rate()));
         }
         if state.review.head.is_playing || state.episodes.head.is_playing {
             after(Duration::from_millis(20));

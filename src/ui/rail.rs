@@ -10,7 +10,6 @@ use eframe::egui::{
 
 use crate::app::counted;
 use crate::app::{Command, Panel, SessionCommand, WindowCommand};
-use crate::env::MAX_STEPS;
 use crate::query::Protocol;
 use crate::text::shown;
 use crate::ui::View;
@@ -78,7 +77,7 @@ fn step(state: &View<'_>, panel: Panel) -> (Progress, String) {
         Panel::Dream if state.world.loaded.is_none() && state.world.loading.is_none() => {
             waiting("needs a world model")
         }
-        Panel::Dream if n_dreams == 0 => (Progress::Ready, "drive one".to_owned()),
+        Panel::Dream if n_dreams == 0 => (Progress::Ready, "begin one".to_owned()),
         Panel::Dream => when(true, format!("{n_dreams} kept")),
         Panel::Label if is_making(state) => (Progress::Running, "making a trajectory".to_owned()),
         Panel::Label if !is_request && n_askable == 0 => waiting("needs dreams"),
@@ -88,10 +87,10 @@ fn step(state: &View<'_>, panel: Panel) -> (Progress, String) {
         Panel::Reward if state.reward.is_relearning => (Progress::Running, "learning anew".to_owned()),
         Panel::Reward if n_answered == 0 => waiting("needs answers"),
         Panel::Reward => when(state.reward.parameters.is_some(), learned(state)),
-        Panel::Deploy if state.deploy.is_on => (Progress::Running, "driving".to_owned()),
+        Panel::Deploy if state.deploy.is_on => (Progress::Running, "acting".to_owned()),
         Panel::Deploy if state.reward.parameters.is_none() => waiting("needs a reward"),
         Panel::Deploy => match state.deploy.episodes.len() {
-            0 => (Progress::Ready, "let it drive".to_owned()),
+            0 => (Progress::Ready, "let it act".to_owned()),
             n => (Progress::Done, counted(n, "episode")),
         },
     }
@@ -101,18 +100,24 @@ fn step(state: &View<'_>, panel: Panel) -> (Progress, String) {
 fn share(state: &View<'_>, panel: Panel) -> Option<f32> {
     let of = |done: usize, all: usize| done as f32 / all.max(1) as f32;
     match panel {
-        Panel::Record if state.record.is_on => Some(of(state.record.live.as_ref()?.step, MAX_STEPS)),
+        Panel::Record if state.record.is_on => {
+            Some(of(state.record.live.as_ref()?.step, state.spec.longest_episode))
+        }
         Panel::World => {
             let progress = state.world.fit.as_ref()?.progress.as_ref()?;
             Some(of(progress.epoch * progress.n + progress.done, progress.max_epochs * progress.n))
         }
-        Panel::Dream if state.dream.is_on => Some(of(state.dream.live.as_ref()?.step, MAX_STEPS)),
+        Panel::Dream if state.dream.is_on => {
+            Some(of(state.dream.live.as_ref()?.step, state.spec.longest_episode))
+        }
         Panel::Label => state.label.synthesis.ordered.as_ref().map(|ordered| ordered.share),
         Panel::Reward if state.reward.is_fitting => {
             let latest = state.reward.latest.as_ref()?;
             Some(of(latest.epoch, latest.fit_epochs?))
         }
-        Panel::Deploy if state.deploy.is_on => Some(of(state.deploy.view.as_ref()?.step, MAX_STEPS)),
+        Panel::Deploy if state.deploy.is_on => {
+            Some(of(state.deploy.view.as_ref()?.step, state.spec.longest_episode))
+        }
         _ => None,
     }
 }

@@ -20,8 +20,8 @@ pub(super) fn status_ui(ui: &mut Ui, state: &View<'_>, commands: &mut Commands) 
     let tokens = Tokens::of(ui);
     ui.horizontal_centered(|ui| {
         ui.spacing_mut().item_spacing.x = 14.0;
-        ui.label(tokens::small(ui, state.env.as_str()))
-            .on_hover_text("The environment: where the real car drives");
+        ui.label(tokens::small(ui, state.spec.title.as_str()))
+            .on_hover_text("The world that all of this is about");
         let annotator = annotator(state);
         let about = "Who answers, kept with every answer; the list of answers has a field for the name";
         ui.label(tokens::small(ui, annotator)).on_hover_text(about);
@@ -121,7 +121,7 @@ fn jobs(state: &View<'_>) -> Vec<String> {
         jobs.push("recording: being sealed".to_owned());
     }
     if state.deploy.is_on {
-        jobs.push(format!("driving track {}", state.deploy.seed));
+        jobs.push(format!("episode of seed {}", state.deploy.seed));
     }
     jobs
 }

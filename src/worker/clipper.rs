@@ -5,11 +5,11 @@ use std::sync::Arc;
 use std::sync::mpsc::Receiver;
 
 use crate::dream::DreamEpisode;
-use crate::env::Frame;
 use crate::query::{DreamId, Query, SEGMENT_LEN, SegmentRef};
 use crate::tensor::{Parameters, from_slice};
 use crate::worker::error::TaskError;
 use crate::worker::{ClipperCommand, LabelReport, Reports, Worker, WorkerError, WorkerName, one_thread};
+use crate::world::Frame;
 use crate::world_model::WorldModel;
 
 const NAME: WorkerName = WorkerName::Clipper;

@@ -1,14 +1,12 @@
-//! Fifty steps a second on an absolute schedule, receiving commands while it waits.
+//! Steps at a world's own rate on an absolute schedule, receiving commands while it waits.
 
 use std::collections::VecDeque;
 use std::sync::mpsc::{Receiver, RecvTimeoutError};
 use std::time::{Duration, Instant};
 
-use crate::env::{Action, STEPS_PER_SEC};
 use crate::worker::LiveAction;
+use crate::world::Action;
 
-/// The time from one step to the next.
-const STEP: Duration = Duration::from_nanos(1_000_000_000 / STEPS_PER_SEC as u64);
 /// What the rate is measured over.
 const RECENT: Duration = Duration::from_secs(1);
 /// After this the hands are off the controls: the window hangs, or nobody drives.
@@ -27,12 +25,14 @@ pub(super) enum Beat<C> {
     Over,
 }
 
-/// The clock of a worker that lives at 50 steps a second.
+/// The clock of a worker that lives at the rate of a world.
 ///
 /// A step that comes late makes the next one come sooner, so that the average keeps; but a clock that lags by more
 /// than a step lets the rest go rather than play it at double speed.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub(super) struct Clock {
+    /// From one step to the next.
+    step: Duration,
     /// When the next step is due; nothing while the clock stands.
     due: Option<Instant>,
     n_late: usize,
@@ -40,9 +40,14 @@ pub(super) struct Clock {
 }
 
 impl Clock {
+    /// One that stands, for `rate` steps a second.
+    pub(super) fn at(rate: f64) -> Self {
+        Self { step: Duration::from_secs_f64(1.0 / rate), due: None, n_late: 0, steps: Rate::default() }
+    }
+
     /// Lets it go on: the next step is due one step from `now`.
     pub(super) fn start(&mut self, now: Instant) {
-        self.due = Some(now + STEP);
+        self.due = Some(now + self.step);
         self.steps = Rate::default();
     }
 
@@ -73,8 +78,8 @@ impl Clock {
     /// Takes note that a step was begun at `now`.
     pub(super) fn tick(&mut self, now: Instant) {
         if let Some(due) = self.due {
-            self.n_late += usize::from(now > due + STEP);
-            self.due = Some((due + STEP).max(now));
+            self.n_late += usize::from(now > due + self.step);
+            self.due = Some((due + self.step).max(now));
         }
         self.steps.note(now);
     }
@@ -145,11 +150,15 @@ impl Allowance {
     }
 }
 
-/// What the driver's hands do at `now`: nothing, where nothing came from them for a quarter of a second.
-pub(super) fn held(action: &LiveAction, now: Instant) -> Action {
+/// What the driver's hands do at `now`: nothing, which is `neutral`, where nothing came from them for a quarter of a second.
+pub(super) fn held(action: &LiveAction, neutral: Action, now: Instant) -> Action {
     match action.peek() {
-        Some((action, given)) if now.saturating_duration_since(given) <= LET_GO_AFTER => action,
-        _ => Action::default(),
+        Some((action, given))
+            if now.saturating_duration_since(given) <= LET_GO_AFTER && action.len() == neutral.len() =>
+        {
+            action
+        }
+        _ => neutral,
     }
 }
 
@@ -158,12 +167,14 @@ mod tests {
     use std::sync::mpsc::channel;
 
     use super::*;
+
+    const STEP: Duration = Duration::from_millis(20);
     use crate::worker::Latest;
 
     #[test]
     fn a_clock_that_keeps_time_is_never_late_and_counts_fifty() {
         let began = Instant::now();
-        let mut clock = Clock::default();
+        let mut clock = Clock::at(50.0);
         clock.start(began);
         (1..=200).for_each(|t| clock.tick(began + STEP * t));
         assert_eq!(clock.n_late(), 0);
@@ -174,7 +185,7 @@ mod tests {
     #[test]
     fn a_small_delay_is_made_up_for_and_a_large_one_is_let_go() {
         let began = Instant::now();
-        let mut clock = Clock::default();
+        let mut clock = Clock::at(50.0);
         clock.start(began);
         clock.tick(began + STEP * 3 / 2);
         assert_eq!((clock.n_late(), clock.time_left(began)), (0, STEP * 2));
@@ -187,7 +198,7 @@ mod tests {
     #[test]
     fn commands_go_before_steps_and_the_end_before_both() {
         let (commands, received) = channel();
-        let mut clock = Clock::default();
+        let mut clock = Clock::at(50.0);
         let long_ago = Instant::now().checked_sub(STEP * 5).unwrap();
         clock.start(long_ago);
         commands.send("pause").unwrap();
@@ -207,9 +218,11 @@ mod tests {
     #[test]
     fn hands_of_which_nothing_comes_let_go() {
         let (slot, now) = (Latest::default(), Instant::now());
-        assert_eq!(held(&slot, now), Action::default());
-        slot.put((Action::new(1.0, 0.5, 0.0), now));
-        assert_eq!(held(&slot, now + LET_GO_AFTER), Action::new(1.0, 0.5, 0.0));
-        assert_eq!(held(&slot, now + LET_GO_AFTER * 2), Action::default());
+        let neutral = Action::new([0.0; 3]);
+        assert_eq!(held(&slot, neutral, now), neutral);
+        slot.put((Action::new([1.0, 0.5, 0.0]), now));
+        assert_eq!(held(&slot, neutral, now + LET_GO_AFTER), Action::new([1.0, 0.5, 0.0]));
+        assert_eq!(held(&slot, Action::new([0.5]), now), [0.5], "hands of another world");
+        assert_eq!(held(&slot, neutral, now + LET_GO_AFTER * 2), neutral);
     }
 }

@@ -10,6 +10,7 @@ use crate::query::{DreamId, JudgedTransition, Label, Query, QueryId, SegmentRef}
 use crate::session::{DreamJournal, DreamSource, Event, Fit, Header, Session, SessionStore, UnfinishedDream};
 use crate::tensor::Parameters;
 use crate::worker::RolloutComparison;
+use crate::world::WorldSpec;
 use crate::world_model::{LatentState, ModelIdentity};
 
 /// A command, and the worker that it is for.
@@ -45,7 +46,7 @@ pub enum WorkerCommand {
     UseWorldModel(Parameters),
 }
 
-/// Plays dreams at 50 steps a second, each for [`MAX_STEPS`](crate::env::MAX_STEPS) at the most.
+/// Plays dreams at the world's rate, each for as long as the world's longest episode at the most.
 #[derive(Debug)]
 pub enum DreamerCommand {
     /// Starts a dream, journalled in `journal` where that is given.
@@ -418,8 +419,8 @@ pub enum JobCommand {
     OpenRecordings {
         /// The `LeRobot` folder.
         dir: PathBuf,
-        /// The environment that they must be of.
-        env: String,
+        /// The world that they must be of.
+        spec: Arc<WorldSpec>,
     },
     /// Finds out what was dropped on the window.
     Identify(PathBuf),

@@ -134,14 +134,14 @@ impl DreamInspector<'_> {
             let imagine = |reward: &LearnedReward| -> Result<Plan, NotFinite> {
                 let config = self.planner.clone();
                 let config = if reward.is_sparse() { config.for_transitions() } else { config };
-                plan(&self.model, reward, &state, &config, &mut ChaCha8Rng::seed_from_u64(seed))
+                plan(&self.model, reward, &state, &config, None, &mut ChaCha8Rng::seed_from_u64(seed))
             };
             let (now, before) = (imagine(&reward.frozen)?, self.before.as_ref().map(imagine).transpose()?);
             let before_of = |i: usize| before.as_ref().map(|plan| plan.candidates[i].predicted_return);
             let candidates = now.candidates.iter().enumerate();
             promises = candidates
                 .map(|(i, candidate)| Promise {
-                    actions: in_words(&candidate.actions),
+                    actions: in_words(&candidate.actions, &self.model.spec().axes),
                     now: candidate.predicted_return,
                     before: before_of(i),
                 })
@@ -162,7 +162,7 @@ impl DreamInspector<'_> {
             let features = features.get_or_insert_with(|| episode.features(&self.model));
             let rows = features.values.get(start * features.width..(start + SEGMENT_LEN) * features.width)?;
             let actions = &episode.actions[start..start + SEGMENT_LEN];
-            let (rewards, members) = reward.evaluator.evaluate_members(rows, actions);
+            let (rewards, members) = reward.evaluator.evaluate_members(rows, actions, self.model.ranges());
             Some(ClipRewards { rewards, members })
         };
         let unknown = || TaskError::UnknownClip(query.id);
@@ -178,7 +178,8 @@ impl DreamInspector<'_> {
         }
         let Some((episode, Some(features))) = self.dreams.get(&dream) else { return };
         let Some(reward) = &self.now else { return };
-        let [rewards, low, high] = reward.evaluator.evaluate(&features.values, &episode.actions);
+        let [rewards, low, high] =
+            reward.evaluator.evaluate(&features.values, &episode.actions, self.model.ranges());
         self.reports.send(DreamReport::Rewards(DreamRewards { dream, rewards, low, high }));
         self.evaluated = Some(dream);
     }
@@ -192,10 +193,11 @@ mod tests {
     use crate::reward::{RewardConfig, RewardEnsemble, RewardModel as _, scaled_actions_tensor};
     use crate::tensor::{from_slice, to_vec};
     use crate::worker::{Report, fixtures};
+    use crate::world::ActionRanges;
 
     fn ensemble(seed: u64) -> RewardEnsemble {
         let rng = &mut ChaCha8Rng::seed_from_u64(seed);
-        RewardEnsemble::new(36, &fixtures::model().hash(), RewardConfig::tiny(), rng)
+        RewardEnsemble::new((36, fixtures::model().hash().as_str()), RewardConfig::tiny(), rng)
     }
 
     #[test]
@@ -233,8 +235,10 @@ mod tests {
         let all: Vec<_> = inbox.try_iter().collect();
         let [_, Report::Dream(DreamReport::Rewards(evaluated))] = &all[..] else { panic!("{all:?}") };
         let rows = dream.features(&model);
-        let by_hand =
-            ensemble(1).rewards(&from_slice(&rows.values, &[30, 36]), &scaled_actions_tensor(&dream.actions));
+        let by_hand = ensemble(1).rewards(
+            &from_slice(&rows.values, &[30, 36]),
+            &scaled_actions_tensor(&dream.actions, &ActionRanges::default()),
+        );
         assert_eq!(evaluated.rewards, to_vec(&by_hand));
         let inside =
             |t: usize| evaluated.low[t] <= evaluated.rewards[t] && evaluated.rewards[t] <= evaluated.high[t];
@@ -245,7 +249,7 @@ mod tests {
         let state = model.state_of(rows.row(12));
         let imagine = |seed| {
             let rng = &mut ChaCha8Rng::seed_from_u64(dream.seed ^ seen.step as u64);
-            plan(&model, &ensemble(seed).for_inference(), &state, &planner, rng).unwrap()
+            plan(&model, &ensemble(seed).for_inference(), &state, &planner, None, rng).unwrap()
         };
         let (now, before) = (imagine(1), imagine(0));
         assert_eq!((seen.chosen, seen.chosen_before), (now.chosen, Some(before.chosen)));
@@ -281,7 +285,7 @@ mod tests {
         };
         let rows = dream.features(&fixtures::model());
         let rows = from_slice(&rows.values[31 * 36..51 * 36], &[20, 36]);
-        let scaled = scaled_actions_tensor(&dream.actions[31..51]);
+        let scaled = scaled_actions_tensor(&dream.actions[31..51], &ActionRanges::default());
         let members = ensemble(0).member_rewards(&rows, &scaled);
         let by_hand: Vec<Vec<f32>> = members.unbind(0).iter().map(to_vec).collect();
         assert_eq!((of, right.members), (query, by_hand));

@@ -1,5 +1,6 @@
 //! Plays dreams: reads the controls, steps the model, and shows what it can.
 
+use std::sync::Arc;
 use std::sync::mpsc::Receiver;
 use std::time::{Duration, Instant};
 
@@ -7,7 +8,6 @@ use rand::SeedableRng as _;
 use rand_chacha::ChaCha8Rng;
 
 use crate::dream::Dream;
-use crate::env::{Action, MAX_STEPS};
 use crate::planner::{CoDriver, PlannerConfig};
 use crate::reward::LearnedReward;
 use crate::session::DreamJournal;
@@ -18,6 +18,7 @@ use crate::worker::{
     DreamReport, DreamerCommand, Latest, LiveAction, LiveView, Reports, Worker, WorkerError, WorkerName,
     one_thread,
 };
+use crate::world::{Action, WorldSpec};
 use crate::world_model::{LatentState, WorldModel};
 
 const NAME: WorkerName = WorkerName::Dreamer;
@@ -46,14 +47,18 @@ pub fn dream(
 ) -> Result<(), WorkerError> {
     one_thread();
     let model = WorldModel::load(model)?;
+    let (spec, planner) = (Arc::clone(model.spec()), planner.for_model(&model));
+    let (neutral, rate) = (Action::new(spec.neutral()), spec.rate);
     let mut dreamer = Dreamer {
         model,
+        spec,
+        neutral,
         planner,
         reward: None,
         reports,
         action,
         view,
-        clock: Clock::default(),
+        clock: Clock::at(rate),
         drawing: Allowance::default(),
         pictures: Rate::default(),
         live: None,
@@ -70,6 +75,9 @@ pub fn dream(
 /// What the thread owns.
 struct Dreamer<'a> {
     model: WorldModel,
+    spec: Arc<WorldSpec>,
+    /// What is done where nobody does anything.
+    neutral: Action,
     planner: PlannerConfig,
     /// What the planner maximizes, once something is learned.
     reward: Option<LearnedReward>,
@@ -194,9 +202,9 @@ impl Dreamer<'_> {
 
     fn start(&mut self, start: &LatentState, seed: u64, journal: Option<DreamJournal>) {
         let (dream, rng) = (Dream::new(start, seed), ChaCha8Rng::seed_from_u64(seed));
-        let action = Action::default();
+        let action = self.neutral;
         self.live = Some(Live { dream, rng, journal, is_journal_broken: false, action, co_driver: None });
-        (self.clock, self.pictures) = (Clock::default(), Rate::default());
+        (self.clock, self.pictures) = (Clock::at(self.spec.rate), Rate::default());
         self.show(Duration::MAX);
         self.clock.start(Instant::now());
     }
@@ -210,9 +218,9 @@ impl Dreamer<'_> {
     /// One step; its picture may be left out, the step never.
     fn step(&mut self, now: Instant) {
         let Some(live) = &mut self.live else { return };
-        let hands = held(self.action, now);
+        let hands = held(self.action, self.neutral, now);
         // Whoever takes hold of the wheel has it, as in a car with an assistant.
-        if hands != Action::default() {
+        if hands != self.neutral {
             live.co_driver = None;
         }
         let planned = match (&mut live.co_driver, &self.reward) {
@@ -237,7 +245,7 @@ impl Dreamer<'_> {
             self.reports.fail(NAME, TaskError::DreamEnded(met));
             return self.finish();
         }
-        let is_long_enough = live.dream.episode().len() >= MAX_STEPS;
+        let is_long_enough = live.dream.episode().len() >= self.spec.longest_episode;
         self.show(self.clock.time_left(Instant::now()));
         if is_long_enough {
             self.finish();
@@ -262,7 +270,7 @@ impl Dreamer<'_> {
             is_paused: !self.clock.runs(),
             n_unsafe_marks: live.dream.episode().unsafe_marks.len(),
             is_planned: live.co_driver.is_some(),
-            wheels_off: None,
+            status: None,
         });
         self.reports.wake();
     }
@@ -327,7 +335,7 @@ mod tests {
     #[test]
     fn a_dream_is_what_the_model_dreams_under_the_live_actions() {
         let action = Latest::default();
-        action.put((Action::new(-1.0, 1.0, 0.0), Instant::now() + Duration::from_secs(1000)));
+        action.put((Action::new([-1.0, 1.0, 0.0]), Instant::now() + Duration::from_secs(1000)));
         let steps =
             [DreamerCommand::Step, DreamerCommand::Step, DreamerCommand::MarkUnsafe, DreamerCommand::Step];
         let commands =
@@ -339,7 +347,7 @@ mod tests {
 
         let (model, rng) = (fixtures::model(), &mut ChaCha8Rng::seed_from_u64(5));
         let mut by_hand = Dream::new(&fixtures::start(), 5);
-        (0..3).for_each(|_| by_hand.step(&model, Action::new(-1.0, 1.0, 0.0), rng).unwrap());
+        (0..3).for_each(|_| by_hand.step(&model, Action::new([-1.0, 1.0, 0.0]), rng).unwrap());
         assert_eq!(episode.unsafe_marks, [2]);
         assert_eq!((&episode.zs, &episode.actions), (&by_hand.episode().zs, &by_hand.episode().actions));
     }
@@ -347,7 +355,8 @@ mod tests {
     /// A reward that has learned nothing.
     fn reward() -> DreamerCommand {
         let rng = &mut ChaCha8Rng::seed_from_u64(0);
-        let ensemble = RewardEnsemble::new(36, &fixtures::model().hash(), RewardConfig::tiny(), rng);
+        let ensemble =
+            RewardEnsemble::new((36, fixtures::model().hash().as_str()), RewardConfig::tiny(), rng);
         DreamerCommand::Reward(ensemble.parameters())
     }
 
@@ -360,11 +369,11 @@ mod tests {
         let reports = reports_of(commands, &Latest::default());
         let [Report::Dream(DreamReport::Ended { episode, .. })] = &reports[..] else { panic!("{reports:?}") };
         assert_eq!((episode.len(), &episode.planned), (4, &vec![Range { start: 1, end: 3 }]));
-        assert!(episode.actions[1].gas > 0.0, "every candidate gives gas");
-        assert_eq!(episode.actions[3], Action::default());
+        assert!(episode.actions[1][1] > 0.0, "every candidate gives gas");
+        assert_eq!(episode.actions[3], [0.0; 3]);
 
         let hands = Latest::default();
-        hands.put((Action::new(0.0, 1.0, 0.0), Instant::now() + Duration::from_secs(1000)));
+        hands.put((Action::new([0.0, 1.0, 0.0]), Instant::now() + Duration::from_secs(1000)));
         let rest = [DreamerCommand::HandOver(true), step(), step(), DreamerCommand::Finish];
         let reports = reports_of(begin().into_iter().chain(rest), &hands);
         let [Report::Dream(DreamReport::Ended { episode, .. })] = &reports[..] else { panic!("{reports:?}") };
@@ -373,7 +382,7 @@ mod tests {
 
     /// A classifier of transitions that has learned nothing.
     fn verdicts(seed: u64, world: &str) -> SparseReward {
-        SparseReward::new(36, world, SparseConfig::tiny(), &mut ChaCha8Rng::seed_from_u64(seed))
+        SparseReward::new((36, world), SparseConfig::tiny(), &mut ChaCha8Rng::seed_from_u64(seed))
     }
 
     #[test]
@@ -494,7 +503,7 @@ mod tests {
 
     #[test]
     fn a_dream_ends_by_itself_after_a_thousand_steps() {
-        let steps = (0..MAX_STEPS + 5).map(|_| DreamerCommand::Step);
+        let steps = (0..1005).map(|_| DreamerCommand::Step);
         let reports =
             reports_of([start(1), DreamerCommand::Pause(true)].into_iter().chain(steps), &Latest::default());
         assert!(

@@ -4,7 +4,6 @@ use std::sync::Arc;
 use std::sync::mpsc::Receiver;
 use std::time::Instant;
 
-use crate::env::{Env, Seed};
 use crate::evaluation::Tally;
 use crate::planner::{Agent, PlannerConfig};
 use crate::reward::LearnedReward;
@@ -13,23 +12,24 @@ use crate::worker::clock::{Allowance, Beat, Clock};
 use crate::worker::error::TaskError;
 use crate::worker::plan_view::PlanDrawing;
 use crate::worker::{
-    CandidateView, DeployReport, DriveView, DriverCommand, Latest, PICTURE, Reports, Worker, WorkerError,
-    WorkerName, one_thread, picture,
+    CandidateView, DeployReport, DriveView, DriverCommand, Latest, OpenError, OpenWorld, Reports, Worker,
+    WorkerError, WorkerName, one_thread, picture,
 };
+use crate::world::{Frame, World};
 use crate::world_model::WorldModel;
 
 const NAME: WorkerName = WorkerName::Driver;
 
-/// Starts a thread that drives `env` by planning in `model`, and shows it in `view`.
+/// Starts a thread that drives the world that `open` opens by planning in `model`, and shows it in `view`.
 pub fn spawn(
-    env: Box<dyn Env>,
+    open: OpenWorld,
     model: Parameters,
     config: PlannerConfig,
     view: Latest<DriveView>,
     reports: &Reports,
 ) -> Worker<DriverCommand> {
     Worker::spawn(NAME, reports, move |commands, reports| {
-        drive(&commands, &reports, env, model, config, &view)
+        drive(&commands, &reports, &open, model, config, &view)
     })
 }
 
@@ -37,20 +37,23 @@ pub fn spawn(
 pub fn drive(
     commands: &Receiver<DriverCommand>,
     reports: &Reports,
-    env: Box<dyn Env>,
+    open: &OpenWorld,
     model: Parameters,
     config: PlannerConfig,
     view: &Latest<DriveView>,
 ) -> Result<(), WorkerError> {
     one_thread();
     let model = WorldModel::load(model)?;
+    let config = config.for_model(&model);
+    let rate = model.spec().rate;
     let mut driver = Driver {
-        env,
+        open,
+        world: None,
         model,
         config,
         reports,
         view,
-        clock: Clock::default(),
+        clock: Clock::at(rate),
         reward: None,
         waiting: None,
         episode: None,
@@ -66,7 +69,9 @@ pub fn drive(
 
 /// What the thread owns.
 struct Driver<'a> {
-    env: Box<dyn Env>,
+    open: &'a OpenWorld,
+    /// Open once it was driven in. A world that failed is opened anew for the next episode.
+    world: Option<Box<dyn World>>,
     model: WorldModel,
     config: PlannerConfig,
     reports: &'a Reports,
@@ -82,6 +87,8 @@ struct Driver<'a> {
 struct Episode {
     seed: u64,
     agent: Agent,
+    /// What is seen now.
+    frame: Frame,
     tally: Tally,
     n_steps: usize,
     plan_ms: f32,
@@ -123,14 +130,32 @@ impl Driver<'_> {
     }
 
     fn start(&mut self, seed: u64) {
-        self.env.reset(Seed::Native(seed));
+        let opened = match self.world.take() {
+            Some(world) => Ok(world),
+            None => (self.open)(true),
+        };
+        let reset = opened.and_then(|mut world| {
+            let frame = world.reset(seed).map_err(OpenError::World)?;
+            Ok((world, frame))
+        });
+        let (world, frame) = match reset {
+            Ok(begun) => begun,
+            Err(met) => {
+                self.episode = None;
+                return self.reports.fail(NAME, WorkerError::from(met).gave_up());
+            }
+        };
+        let tally = Tally::of(&world.spec().events);
+        self.clock = Clock::at(world.spec().rate);
+        self.world = Some(world);
         let is_sparse = self.reward.as_ref().is_some_and(LearnedReward::is_sparse);
         let config = self.config.clone();
         let config = if is_sparse { config.for_transitions() } else { config };
         self.episode = Some(Episode {
             seed,
             agent: Agent::new(config, seed),
-            tally: Tally::default(),
+            frame,
+            tally,
             n_steps: 0,
             plan_ms: 0.0,
             drawing: None,
@@ -138,15 +163,17 @@ impl Driver<'_> {
             candidates: Arc::default(),
             chosen: 0,
         });
-        self.clock = Clock::default();
         self.clock.start(Instant::now());
     }
 
     fn tick(&mut self) {
-        let (Some(reward), Some(episode)) = (&self.reward, &mut self.episode) else { return };
+        let (Some(reward), Some(episode), Some(world)) = (&self.reward, &mut self.episode, &mut self.world)
+        else {
+            return;
+        };
         let began = Instant::now();
         self.clock.tick(began);
-        let (action, plan) = match episode.agent.act(&self.model, reward, &self.env.frame()) {
+        let (action, plan) = match episode.agent.act(&self.model, reward, &episode.frame) {
             Ok(driven) => driven,
             Err(met) => return self.give_up(met),
         };
@@ -158,13 +185,23 @@ impl Driver<'_> {
             }
         }
         episode.plan_ms = plan_secs.map_or(episode.plan_ms, |secs| (secs * 1000.0) as f32);
-        let outcome = self.env.advance(action);
-        episode.agent.acted(self.env.executed().unwrap_or(action));
-        episode.tally.add(&outcome, plan_secs);
+        let step = match world.step(&action) {
+            Ok(step) => step,
+            Err(met) => {
+                let met = OpenError::World(met);
+                (self.world, self.episode) = (None, None);
+                self.clock.stop();
+                return self.reports.fail(NAME, WorkerError::from(met).gave_up());
+            }
+        };
+        episode.agent.acted(step.executed.unwrap_or(action));
+        episode.tally.add(&step, plan_secs);
         episode.n_steps += 1;
+        let has_ended = step.end.is_some();
+        episode.frame = step.frame;
         self.draw();
         self.show();
-        if outcome.end.is_some() {
+        if has_ended {
             self.finish();
         }
     }
@@ -185,15 +222,16 @@ impl Driver<'_> {
 
     fn show(&self) {
         let Some(episode) = self.episode.as_ref().filter(|_| self.view.is_empty()) else { return };
+        let Some(world) = &self.world else { return };
         self.view.put(DriveView {
-            frame: self.env.frame(),
-            picture: picture(self.env.as_ref(), PICTURE),
+            frame: episode.frame.clone(),
+            picture: picture(world.as_ref(), &episode.frame),
             step: episode.n_steps,
             metrics: episode.tally.metrics(),
             candidates: Arc::clone(&episode.candidates),
             chosen: episode.chosen,
             plan_ms: episode.plan_ms,
-            wheels_off: self.env.truth().wheels_off,
+            status: world.status(),
         });
         self.reports.wake();
     }
@@ -224,17 +262,17 @@ mod tests {
     use super::*;
     use crate::reward::{RewardConfig, RewardEnsemble};
     use crate::worker::Report;
-    use crate::worker::fixtures::{self, Wall};
+    use crate::worker::fixtures;
 
     /// A reward that has learned nothing, over the features of the model with hash `world`.
     fn reward(world: &str) -> DriverCommand {
         let rng = &mut ChaCha8Rng::seed_from_u64(0);
-        DriverCommand::Reward(RewardEnsemble::new(36, world, RewardConfig::tiny(), rng).parameters())
+        DriverCommand::Reward(RewardEnsemble::new((36, world), RewardConfig::tiny(), rng).parameters())
     }
 
     fn driver(len: usize, view: &Latest<DriveView>, reports: &Reports) -> Worker<DriverCommand> {
         let model = fixtures::model().parameters().clone();
-        spawn(Box::new(Wall::new(len)), model, PlannerConfig::car_racing(), view.clone(), reports)
+        spawn(fixtures::wall(len), model, PlannerConfig::car_racing(), view.clone(), reports)
     }
 
     #[test]
@@ -243,8 +281,8 @@ mod tests {
         let model = fixtures::exploding();
         let config = PlannerConfig::car_racing();
         let hash = model.hash();
-        let wall = Box::new(Wall::new(60));
-        let driver = spawn(wall, model.parameters().clone(), config, Latest::default(), &reports);
+        let driver =
+            spawn(fixtures::wall(60), model.parameters().clone(), config, Latest::default(), &reports);
         driver.send(reward(&hash));
         driver.send(DriverCommand::Drive { seed: 3 });
         let Report::Failed(failure) = inbox.recv().unwrap() else { panic!("another report") };
@@ -284,7 +322,7 @@ mod tests {
         };
         drop(driver);
         assert_eq!((seen.candidates.len(), seen.candidates[seen.chosen].frames.len()), (15, 3));
-        assert_eq!(seen.candidates[0].actions, "straight fast 25");
+        assert_eq!(seen.candidates[0].actions, "gas 0.2 for 25");
         assert_eq!(seen.picture.2.len() as u32, 3 * seen.picture.0 * seen.picture.1);
     }
 
@@ -301,7 +339,7 @@ mod tests {
         drive(
             &received,
             &reports,
-            Box::new(Wall::new(1)),
+            &fixtures::wall(1),
             model,
             PlannerConfig::car_racing(),
             &Latest::default(),

@@ -6,6 +6,7 @@
 use std::collections::VecDeque;
 use std::ops::Range;
 use std::path::Path;
+use std::sync::Arc;
 use std::sync::mpsc::{Receiver, TryRecvError};
 use std::time::{Duration, Instant};
 
@@ -17,6 +18,7 @@ use crate::worker::{
     EpisodeBrowserCommand, EpisodeList, EpisodeView, Latest, OpenEpisode, RecordReport, Reports, Worker,
     WorkerError, WorkerName, one_thread,
 };
+use crate::world::{EventKind, WorldSpec};
 use crate::world_model::{Memory, State, WorldModel, actions_tensor};
 
 const NAME: WorkerName = WorkerName::EpisodeBrowser;
@@ -30,17 +32,26 @@ const LONG_PATIENCE: Duration = Duration::from_secs(30);
 const PAUSE: Duration = Duration::from_millis(50);
 
 /// Starts a thread that shows steps of recorded episodes in `view`.
-pub fn spawn(view: Latest<EpisodeView>, reports: &Reports) -> Worker<EpisodeBrowserCommand> {
+pub fn spawn(
+    spec: Arc<WorldSpec>,
+    view: Latest<EpisodeView>,
+    reports: &Reports,
+) -> Worker<EpisodeBrowserCommand> {
     Worker::spawn(NAME, reports, move |commands, reports| {
-        browse(&commands, &reports, &view);
+        browse(&commands, &reports, &spec, &view);
         Ok(())
     })
 }
 
 /// The body of the thread.
-pub fn browse(commands: &Receiver<EpisodeBrowserCommand>, reports: &Reports, view: &Latest<EpisodeView>) {
+pub fn browse(
+    commands: &Receiver<EpisodeBrowserCommand>,
+    reports: &Reports,
+    spec: &Arc<WorldSpec>,
+    view: &Latest<EpisodeView>,
+) {
     one_thread();
-    let mut browser = EpisodeBrowser { reports, view, evaluation: None, open: None };
+    let mut browser = EpisodeBrowser { reports, spec, view, evaluation: None, open: None };
     let mut waiting = VecDeque::new();
     loop {
         let command = waiting.pop_front().or_else(|| match commands.try_recv() {
@@ -81,6 +92,8 @@ pub fn browse(commands: &Receiver<EpisodeBrowserCommand>, reports: &Reports, vie
 
 /// What the thread owns.
 struct EpisodeBrowser<'a> {
+    /// Says which events must not happen.
+    spec: &'a Arc<WorldSpec>,
     reports: &'a Reports,
     view: &'a Latest<EpisodeView>,
     evaluation: Option<(WorldModel, RewardEvaluator)>,
@@ -103,7 +116,7 @@ impl EpisodeBrowser<'_> {
             EpisodeBrowserCommand::List(dataset) => Ok(self.list(&dataset, false)?),
             EpisodeBrowserCommand::Open { dataset, recording } => {
                 self.open = None;
-                let episode = match open(&dataset, &recording) {
+                let episode = match open(&dataset, self.spec, &recording) {
                     Ok(episode) => episode,
                     // The list that it was chosen from may be an old one.
                     Err(e) => return Ok(self.list(&dataset, false).and(Err(e))?),
@@ -112,7 +125,7 @@ impl EpisodeBrowser<'_> {
                     recording: recording.clone(),
                     actions: episode.actions.clone(),
                     rewards: episode.rewards.clone(),
-                    grass: stretches(&episode.grass),
+                    unsafe_steps: stretches(&unsafe_steps(&episode, self.spec)),
                     planned: episode.planned.clone(),
                 }));
                 let features = Rows { width: 0, values: Vec::new() };
@@ -161,7 +174,11 @@ impl EpisodeBrowser<'_> {
             // A killed program left it so. Where somebody records, that can wait.
             change(dir, LONG_PATIENCE, |_| Ok(())).unwrap_or_else(|e| log::warn!("{e}"));
         }
-        let dataset = Dataset::inspect(dir)?;
+        let dataset = match Dataset::inspect(dir)? {
+            // Perhaps it is of others.
+            empty if empty.is_empty() => Dataset::open_as(dir, self.spec).unwrap_or(empty),
+            ours => ours,
+        };
         self.reports.send(RecordReport::Episodes(EpisodeList {
             dataset: dir.to_owned(),
             episodes: dataset.summaries().collect(),
@@ -206,7 +223,7 @@ impl EpisodeBrowser<'_> {
         let Open { episode, features, memory, .. } = open;
         // A model of another world has nothing to say.
         let is_seen = episode.info.env == model.config().env
-            && episode.frames.first().is_some_and(|frame| frame.side() as i64 == model.config().vae.side);
+            && episode.frames.first().is_some_and(|frame| frame.size() == model.spec().image.trained());
         if open.is_evaluated || !is_seen {
             return false;
         }
@@ -214,7 +231,7 @@ impl EpisodeBrowser<'_> {
         let (from, n) = (features.len(), episode.actions.len());
         let steps = from..n.min(from + CHUNK);
         if steps.is_empty() {
-            let rewards = evaluator.evaluate(&features.values, &episode.actions);
+            let rewards = evaluator.evaluate(&features.values, &episode.actions, model.ranges());
             self.reports.send(RecordReport::EpisodeRewards { recording: open.recording.clone(), rewards });
             open.is_evaluated = true;
             return false;
@@ -230,8 +247,8 @@ impl EpisodeBrowser<'_> {
     }
 }
 
-fn open(dataset: &Path, recording: &str) -> Result<Episode, DatasetError> {
-    let dataset = Dataset::open(dataset)?;
+fn open(dataset: &Path, spec: &Arc<WorldSpec>, recording: &str) -> Result<Episode, DatasetError> {
+    let dataset = Dataset::open_as(dataset, spec)?;
     let idx =
         dataset.find(recording).ok_or_else(|| DatasetError::Moved { path: dataset.dir().to_owned() })?;
     dataset.episode(idx)
@@ -265,6 +282,13 @@ fn stretches(is: &[bool]) -> Vec<Range<usize>> {
     all.filter_map(|(is, range)| is.then_some(range)).collect()
 }
 
+/// After which steps something went on that must not happen.
+fn unsafe_steps(episode: &Episode, spec: &WorldSpec) -> Vec<bool> {
+    let columns: Vec<Vec<bool>> =
+        spec.events_of(EventKind::Safety).filter_map(|event| episode.event(&event.name)).collect();
+    (0..episode.actions.len()).map(|t| columns.iter().any(|column| column[t])).collect()
+}
+
 #[cfg(test)]
 mod tests {
     use rand::SeedableRng as _;
@@ -272,14 +296,14 @@ mod tests {
 
     use super::*;
     use crate::dataset::{EpisodeInfo, StepRecord, Summary};
-    use crate::env::{Action, Frame};
     use crate::reward::{RewardConfig, RewardEnsemble};
     use crate::worker::{Inbox, Report, fixtures};
+    use crate::world::{Action, Frame};
 
     /// A dataset of episodes of so many steps, made by the tiny world of the tests.
     fn dataset(dir: &Path, lens: &[usize]) {
-        let side = fixtures::model().config().vae.side as u32;
-        let frame = |t: usize| Frame::new(side, vec![t as u8; (3 * side * side) as usize]);
+        let side = fixtures::model().config().vae.height as u32;
+        let frame = |t: usize| Frame::square(side, vec![t as u8; (3 * side * side) as usize]);
         let mut dataset = Dataset::create_or_open(dir, "dummy-road").unwrap();
         for (seed, &len) in lens.iter().enumerate() {
             let info =
@@ -288,10 +312,9 @@ mod tests {
             for t in 0..len {
                 let step = StepRecord {
                     frame: frame(t),
-                    action: Action::new((t as f32).sin(), 0.5, 0.0),
+                    action: Action::new([(t as f32).sin(), 0.5, 0.0]),
                     reward: 1.0,
-                    grass: (3..7).contains(&t),
-                    contacts: None,
+                    events: vec![(3..7).contains(&t)],
                     wall_time_ns: 1_795_342_500_000_000_000 + t as i64,
                     state: Vec::new(),
                 };
@@ -310,7 +333,7 @@ mod tests {
     impl Browser {
         fn new() -> Self {
             let ((reports, inbox), view) = (Reports::new(|| ()), Latest::default());
-            let worker = spawn(view.clone(), &reports);
+            let worker = spawn(Arc::new(WorldSpec::default()), view.clone(), &reports);
             Self { inbox, view, worker }
         }
 
@@ -333,15 +356,16 @@ mod tests {
         dataset(dir.path(), &[5, 50]);
         let browser = Browser::new();
         let list = browser.list(dir.path());
-        let [_, Summary { number: 1, n_steps: 50, grass, began_secs, recording, .. }] = &list.episodes[..]
+        let [_, Summary { number: 1, n_steps: 50, events, began_secs, recording, .. }] = &list.episodes[..]
         else {
             panic!("{list:?}")
         };
-        assert_eq!((*grass, *began_secs), (0.08, 1_795_342_500), "4 of 50 steps");
+        assert_eq!(*events, [("grass".to_owned(), 0.08)], "4 of 50 steps");
+        assert_eq!(*began_secs, 1_795_342_500);
 
         let model = fixtures::model();
         let rng = &mut ChaCha8Rng::seed_from_u64(0);
-        let ensemble = RewardEnsemble::new(36, &model.hash(), RewardConfig::tiny(), rng);
+        let ensemble = RewardEnsemble::new((36, model.hash().as_str()), RewardConfig::tiny(), rng);
         let by = Some((model.parameters().clone(), ensemble.parameters()));
         browser.worker.send(EpisodeBrowserCommand::Evaluate(by));
         let open =
@@ -349,7 +373,7 @@ mod tests {
         let Report::Record(RecordReport::Opened(opened)) = browser.ask(open) else {
             panic!("another report")
         };
-        assert_eq!((opened.actions.len(), opened.grass.first()), (50, Some(&(3..7))));
+        assert_eq!((opened.actions.len(), opened.unsafe_steps.first()), (50, Some(&(3..7))));
         let report = browser.inbox.recv().unwrap();
         let Report::Record(RecordReport::EpisodeRewards { rewards: [mean, low, high], .. }) = report else {
             panic!("{report:?}")
@@ -364,7 +388,11 @@ mod tests {
             features.push(&to_vec(&state.features()));
             memory = model.remember(&state, &actions_tensor(&[*action]));
         }
-        let by_hand = RewardEvaluator::Preferences(ensemble).evaluate(&features.values, &episode.actions);
+        let by_hand = RewardEvaluator::Preferences(ensemble).evaluate(
+            &features.values,
+            &episode.actions,
+            model.ranges(),
+        );
         let gap = |a: &[f32], b: &[f32]| a.iter().zip(b).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
         assert_eq!(mean.len(), 50);
         for (said, expected) in [mean, low, high].iter().zip(&by_hand) {

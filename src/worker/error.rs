@@ -1,5 +1,6 @@
 //! What workers meet, with the cause of each as a type of its own.
 
+use std::path::PathBuf;
 use std::sync::Arc;
 
 use crate::dataset::DatasetError;
@@ -8,7 +9,8 @@ use crate::reward::RewardError;
 use crate::run::RunError;
 use crate::session::SessionError;
 use crate::tensor::NotFinite;
-use crate::worker::WorkerError;
+use crate::worker::{OpenError, WorkerError};
+use crate::world::SpecError;
 use crate::world_model::WorldModelError;
 use crate::world_model::fit::FitError;
 
@@ -35,7 +37,7 @@ pub(super) enum TaskError {
     #[error("the planner cannot drive by this reward: {0}")]
     NoPlanning(RewardError),
     /// The planner no longer drives.
-    #[error("the planner gives the wheel back: {0}")]
+    #[error("the planner gives control back: {0}")]
     PlannerEnded(NotFinite),
     #[error("the dream ends here, and what was dreamed is kept: {0}")]
     DreamEnded(NotFinite),
@@ -44,15 +46,21 @@ pub(super) enum TaskError {
     #[error("the drive ended at step {step}: {met}")]
     DriveEnded { step: usize, met: NotFinite },
     /// A world model sees something else than is driven.
-    #[error(
-        "this world model sees {sees} at {sees_side} pixels a side, but this is {env} at {side}: load another one"
-    )]
-    OtherEnv { sees: String, sees_side: u32, env: String, side: u32 },
+    #[error("this world model sees {sees}, but this is {env}: load another one")]
+    OtherEnv { sees: String, env: String },
     /// A world model of something else was to be fitted to recordings.
     #[error("these recordings are of {found:?}, but the model is to be one of {wanted:?}")]
     OtherRecordings { found: String, wanted: String },
     #[error("a world model is being trained already; stop that first")]
     IsFitting,
+    /// A world's file cannot be read.
+    #[error("cannot read the world: {path:?}: {cause}")]
+    WorldUnread { path: PathBuf, cause: std::io::Error },
+    #[error("this is longer than any world's file: {0:?}")]
+    WorldTooLong(PathBuf),
+    /// A file describes no world.
+    #[error("{0}")]
+    World(SpecError),
     /// Recordings of something else were chosen.
     #[error(
         "these recordings are of {found} and this window is about {env}: start `dropj --env {found}` for them"
@@ -71,7 +79,7 @@ macro_rules! met {
     };
 }
 
-met!(TaskError, WorldModelError, RewardError, DatasetError, SessionError, RunError, NotFinite);
+met!(TaskError, OpenError, WorldModelError, RewardError, DatasetError, SessionError, RunError, NotFinite);
 
 impl WorkerError {
     /// That it ended what it was doing, where nothing more is known of it.

@@ -9,12 +9,14 @@ use rand_chacha::ChaCha8Rng;
 use tempfile::TempPath;
 
 use crate::dream::{Dream, DreamEpisode};
-use crate::env::{Action, End, Env, Events, Frame, Outcome, Seed, Truth};
 use crate::planner::PlannerConfig;
 use crate::planner::synthesis::SynthesisConfig;
 use crate::query::{DreamId, Query, QueryId, SegmentRef};
 use crate::reward::RewardConfig;
-use crate::worker::{LoadWorldModel, LoadedWorld, WorkerConfig};
+use crate::worker::{LoadWorldModel, LoadedWorld, OpenWorld, WorkerConfig};
+use crate::world::End;
+use crate::world::cars::{CarAction, CarWorld, Env, Events, Outcome, Seed, Truth};
+use crate::world::{Action, Frame, World as _};
 use crate::world_model::fit::FitConfig;
 use crate::world_model::{LatentState, WorldModel, WorldModelConfig, untrained};
 
@@ -39,7 +41,7 @@ pub(super) fn start() -> LatentState {
 pub(super) fn dream(seed: u64, n: usize) -> DreamEpisode {
     let (model, rng) = (model(), &mut ChaCha8Rng::seed_from_u64(seed));
     let mut dream = Dream::new(&start(), seed);
-    (0..n).for_each(|t| dream.step(&model, Action::new((t as f32).sin(), 0.5, 0.0), rng).unwrap());
+    (0..n).for_each(|t| dream.step(&model, Action::new([(t as f32).sin(), 0.5, 0.0]), rng).unwrap());
     dream.finish()
 }
 
@@ -68,14 +70,14 @@ impl Env for Wall {
         self.t = 0;
     }
 
-    fn advance(&mut self, _: Action) -> Outcome {
+    fn advance(&mut self, _: CarAction) -> Outcome {
         self.t += 1;
         let events = Events { new_tile: true, ..Events::default() };
-        Outcome { reward: 10.0, events, end: (self.t >= self.len).then_some(End::TimeLimit) }
+        Outcome { reward: 10.0, events, end: (self.t >= self.len).then_some(End::Truncated) }
     }
 
     fn frame(&self) -> Frame {
-        Frame::new(20, vec![self.t.min(255) as u8; 3 * 20 * 20])
+        Frame::square(20, vec![self.t.min(255) as u8; 3 * 20 * 20])
     }
 
     fn truth(&self) -> Truth {
@@ -85,6 +87,11 @@ impl Env for Wall {
     fn picture(&self, width: u32, height: u32) -> Vec<u8> {
         vec![0; (width * height * 3) as usize]
     }
+}
+
+/// Opens a wall of so many steps.
+pub(super) fn wall(len: usize) -> OpenWorld {
+    Arc::new(move |_| Ok(Box::new(CarWorld::of("wall", Wall::new(len)))))
 }
 
 /// Puts a file at `path`, in the place of another if there is one.
@@ -128,8 +135,8 @@ pub(super) fn load() -> LoadWorldModel {
 /// Workers for a wall of so many steps.
 pub(super) fn config(len: usize) -> WorkerConfig {
     WorkerConfig {
-        env: Box::new(move |_| Box::new(Wall::new(len))),
-        env_name: "wall".to_owned(),
+        open: wall(len),
+        spec: Arc::clone(CarWorld::of("wall", Wall::new(1)).spec()),
         world: WorldModelConfig::tiny(),
         fit: FitConfig::tiny(),
         reward: RewardConfig::tiny(),

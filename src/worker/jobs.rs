@@ -7,21 +7,25 @@ use std::sync::Arc;
 use std::thread::JoinHandle;
 
 use crate::dataset::Dataset;
+use crate::run::read_at_most;
 use crate::session::header::FILE as SESSION_FILE;
 use crate::session::list_sessions as all_sessions;
 use crate::session::{
     Annotators, ListedSession, LoadedSession, Session, SessionStore, hand_on_in, latest, merge_in,
     share_dreams,
 };
-use crate::text::{distinct, shown};
+use crate::text::{decoded, distinct, shown};
 use crate::worker::channel::IsWanted;
 use crate::worker::error::TaskError;
 use crate::worker::{
     Dropped, JobCommand, JobReport, LoadWorldModel, Report, Reports, SessionItem, WorkerError, one_thread,
     panicked,
 };
+use crate::world::WorldSpec;
 use crate::world_model::ModelIdentity;
 
+/// Bytes of a world's file at the most.
+const MOST_OF_A_WORLD: u64 = 1 << 20;
 /// So many sessions are listed at the most.
 const MOST: usize = 30;
 
@@ -56,8 +60,8 @@ fn do_while(
         JobCommand::CompareAnnotators { dir, session, sessions } => {
             compare_annotators(dir, &session, &sessions)
         }
-        JobCommand::OpenRecordings { dir, env } => open_recordings(dir, &env),
-        JobCommand::Identify(path) => Ok(Some(identify(path))),
+        JobCommand::OpenRecordings { dir, spec } => open_recordings(dir, &spec),
+        JobCommand::Identify(path) => identify(path),
     };
     match done {
         Ok(Some(done)) => report(done),
@@ -311,8 +315,9 @@ fn compare_annotators(dir: PathBuf, own: &Session, sessions: &Path) -> Done {
     Ok(Some(JobReport::Compared(dir, annotators)))
 }
 
-fn open_recordings(dir: PathBuf, env: &str) -> Done {
-    let dataset = Dataset::open(&dir)?;
+fn open_recordings(dir: PathBuf, spec: &Arc<WorldSpec>) -> Done {
+    let dataset = Dataset::open_as(&dir, spec)?;
+    let env = spec.name.as_str();
     if let Some(found) = dataset.env().filter(|found| *found != env) {
         return Err(TaskError::OtherWindow { found: found.to_owned(), env: env.to_owned() }.into());
     }
@@ -325,15 +330,28 @@ fn open_recordings(dir: PathBuf, env: &str) -> Done {
     Ok(Some(JobReport::Recordings(dir, said)))
 }
 
-fn identify(path: PathBuf) -> JobReport {
-    let dropped = if path.extension().is_some_and(|extension| extension == "safetensors") {
+fn identify(path: PathBuf) -> Done {
+    let has = |wanted| path.extension().is_some_and(|extension| extension == wanted);
+    let dropped = if has("safetensors") {
         Dropped::WorldModel
+    } else if has("toml") {
+        check_world(&path)?;
+        Dropped::World
     } else if path.join(SESSION_FILE).exists() {
         Dropped::Session
     } else {
         Dropped::Recordings
     };
-    JobReport::Identified(path, dropped)
+    Ok(Some(JobReport::Identified(path, dropped)))
+}
+
+/// Fails where a file is no world's.
+fn check_world(path: &Path) -> Result<(), WorkerError> {
+    let unreadable = |cause| TaskError::WorldUnread { path: path.to_owned(), cause };
+    let bytes = read_at_most(path, MOST_OF_A_WORLD).map_err(unreadable)?;
+    let bytes = bytes.ok_or_else(|| TaskError::WorldTooLong(path.to_owned()))?;
+    WorldSpec::from_toml(&decoded(&bytes), path).map_err(TaskError::World)?;
+    Ok(())
 }
 
 /// Whether both name the same folder.
@@ -366,11 +384,12 @@ mod tests {
 
     use super::*;
     use crate::dataset::{EpisodeInfo, StepRecord};
-    use crate::env::{Action, Env as _};
     use crate::query::{DreamId, Protocol, QueryId, Response, SafetyAnswer, SegmentRef};
     use crate::session::{Answer, Choice, DreamSource, Event, Header};
     use crate::worker::fixtures::{self, Wall};
     use crate::worker::{Inbox, Report};
+    use crate::world::Action;
+    use crate::world::cars::Env as _;
 
     /// A session of one dream and two queries about it, the first of which is answered by `annotator`.
     fn session(dir: &Path, world: &str, annotator: &str) -> SessionStore {
@@ -518,17 +537,18 @@ mod tests {
         let (mut recording, frame) = (dataset.begin(info).unwrap(), Wall::new(5).frame());
         let step = StepRecord {
             frame: frame.clone(),
-            action: Action::default(),
+            action: Action::new([0.0; 3]),
             reward: 0.0,
-            grass: false,
-            contacts: None,
+            events: vec![false],
             wall_time_ns: 0,
             state: Vec::new(),
         };
         recording.push(&step).unwrap();
         dataset.seal(recording, &frame, None).unwrap();
         drop(dataset);
-        let open = |env: &str| one(JobCommand::OpenRecordings { dir: path.clone(), env: env.to_owned() });
+        let open = |env: &str| {
+            one(JobCommand::OpenRecordings { dir: path.clone(), spec: Arc::new(WorldSpec::of_name(env)) })
+        };
         let report = open("wall");
         let JobReport::Recordings(opened, said) = report else { panic!("{report:?}") };
         assert_eq!(

@@ -41,7 +41,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
 use std::time::Instant;
 
-use crate::env::{Action, Env};
+use crate::world::{Action, Frame, World, WorldError};
 
 pub use channel::{Inbox, Reports};
 pub use command::{
@@ -238,12 +238,28 @@ fn panicked(panic: &(dyn Any + Send)) -> WorkerError {
     WorkerError::Panicked(text.unwrap_or_else(|| "no message".to_owned()))
 }
 
-/// How large the real scene is drawn for people.
+/// How large the real scene is drawn for people, where it can be drawn at any size: width by height.
 const PICTURE: (u32, u32) = (600, 480);
 
-/// The real scene as a person sees it: width, height, RGB bytes.
-fn picture(env: &dyn Env, (width, height): (u32, u32)) -> (u32, u32, Arc<[u8]>) {
-    (width, height, env.picture(width, height).into())
+/// The real scene as a person sees it: width, height, RGB bytes. What models see, where there is nothing else.
+fn picture(world: &dyn World, frame: &Frame) -> (u32, u32, Arc<[u8]>) {
+    let shown = world.picture(PICTURE.0, PICTURE.1);
+    let shown = shown.as_ref().unwrap_or(frame);
+    (shown.width(), shown.height(), shown.shared())
+}
+
+/// Opens the real world, in the thread that calls; it may help the driver where the paper's does, if that is asked.
+pub type OpenWorld = Arc<dyn Fn(bool) -> Result<Box<dyn World>, OpenError> + Send + Sync>;
+
+/// Why the real world cannot be driven in.
+#[derive(Debug, thiserror::Error)]
+pub enum OpenError {
+    /// It failed.
+    #[error(transparent)]
+    World(#[from] WorldError),
+    /// There is none.
+    #[error("the world {0:?} is known from recordings alone: there is nothing that could be driven")]
+    RecordingsOnly(String),
 }
 
 /// Keeps libtorch to the calling thread: a second one that waits costs the window and the others more than it brings.

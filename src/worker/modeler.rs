@@ -6,6 +6,7 @@ use std::sync::mpsc::{Receiver, TryRecvError};
 use std::time::{Duration, Instant};
 
 use crate::dataset::Dataset;
+use crate::planner::with_snippets;
 use crate::run::{Kind, OutputFile, Run};
 use crate::worker::error::TaskError;
 use crate::worker::{
@@ -58,7 +59,7 @@ fn fit_one(
     out: &Path,
     resume: bool,
 ) -> Result<(), WorkerError> {
-    let dataset = Dataset::open(dataset)?;
+    let dataset = Dataset::open_as(dataset, &config.spec())?;
     if let Some(env) = dataset.env().filter(|env| *env != config.env) {
         let (found, wanted) = (env.to_owned(), config.env.clone());
         return Err(TaskError::OtherRecordings { found, wanted }.into());
@@ -88,7 +89,14 @@ fn fit_one(
     };
     let means = Means { read: &read_ahead, ..Means::default() };
     let parameters = fit_world_with(means, &dataset, config, fit, &run, &mut listen)?;
-    Ok(output.write(parameters.bytes())?)
+    let go_on = &mut |_, _| match commands.try_recv() {
+        Ok(ModelerCommand::Stop) | Err(TryRecvError::Disconnected) => ControlFlow::Break(()),
+        Ok(ModelerCommand::Fit { .. }) | Err(TryRecvError::Empty) => ControlFlow::Continue(()),
+    };
+    match with_snippets(parameters, &dataset, go_on)? {
+        Some(parameters) => Ok(output.write(parameters.bytes())?),
+        None => Err(WorkerError::Stopped),
+    }
 }
 
 #[cfg(test)]
@@ -97,10 +105,12 @@ mod tests {
 
     use super::*;
     use crate::dataset::{EpisodeInfo, StepRecord};
-    use crate::env::{Action, End, Env as _};
     use crate::run::read_parameters;
     use crate::worker::fixtures::Wall;
     use crate::worker::{Report, WorkerFailure};
+    use crate::world::Action;
+    use crate::world::End;
+    use crate::world::cars::Env as _;
     use crate::world_model::WorldModel;
 
     /// Three episodes of a wall, in the name of the tiny model's environment.
@@ -111,20 +121,19 @@ mod tests {
             let info = EpisodeInfo { env: env.clone(), pilot: "nobody".to_owned(), seed };
             let (mut recording, mut wall) = (dataset.begin(info).unwrap(), Wall::new(40));
             for t in 0..40 {
-                let (frame, action) = (wall.frame(), Action::new((t as f32).sin(), 0.0, 0.0));
-                wall.advance(action);
+                let (frame, action) = (wall.frame(), Action::new([(t as f32).sin(), 0.0, 0.0]));
+                wall.advance((&*action).into());
                 let step = StepRecord {
                     frame,
                     action,
                     reward: 0.0,
-                    grass: false,
-                    contacts: None,
+                    events: vec![false],
                     wall_time_ns: 0,
                     state: Vec::new(),
                 };
                 recording.push(&step).unwrap();
             }
-            dataset.seal(recording, &wall.frame(), Some(End::TimeLimit)).unwrap();
+            dataset.seal(recording, &wall.frame(), Some(End::Truncated)).unwrap();
         }
     }
 

@@ -2,16 +2,16 @@
 
 use std::sync::Arc;
 
-use crate::env::Action;
 use crate::planner::{Candidate, Plan};
 use crate::tensor::from_slice;
 use crate::worker::CandidateView;
+use crate::world::{Action, Axis};
 use crate::world_model::WorldModel;
 
 /// How many pictures of a candidate are drawn: on the way, and the last.
 const N_FRAMES: usize = 3;
-/// Above this, gas is said to be fast: candidates know 0.1 and 0.2.
-const FAST: f32 = 0.15;
+/// So many runs of equal actions are told one by one.
+const MOST_RUNS: usize = 4;
 
 /// The drawing of the candidates of one plan, one by one.
 #[derive(Debug)]
@@ -49,33 +49,36 @@ fn view(candidate: &Candidate, model: &WorldModel) -> CandidateView {
     let shown: Vec<_> = (1..=N_FRAMES.min(n)).map(|i| i * n / N_FRAMES.min(n) - 1).collect();
     let zs: Vec<f32> = shown.iter().flat_map(|t| candidate.zs.row(*t)).copied().collect();
     CandidateView {
-        actions: in_words(&candidate.actions),
+        actions: in_words(&candidate.actions, &model.spec().axes),
         predicted_return: candidate.predicted_return,
         frames: model.decode(&from_slice(&zs, &[shown.len() as i64, candidate.zs.width as i64])),
     }
 }
 
-/// Actions run by run: `left 4 · straight fast 11`.
-pub(super) fn in_words(actions: &[Action]) -> String {
-    let runs = actions.chunk_by(|a, b| a == b);
-    let runs: Vec<_> = runs.map(|run| format!("{} {}", name(run[0]), run.len())).collect();
-    runs.join(" · ")
+/// Actions run by run, each as what is moved off its neutral value: `steer -1, gas 0.1 for 4; gas 0.2 for 11`.
+///
+/// Where every step differs, as in what was recorded, only how it begins and ends.
+pub(super) fn in_words(actions: &[Action], axes: &[Axis]) -> String {
+    let runs: Vec<&[Action]> = actions.chunk_by(|a, b| a == b).collect();
+    let (Some(first), Some(last)) = (runs.first(), runs.last()) else { return String::new() };
+    if runs.len() > MOST_RUNS {
+        return format!("{} to {} in {}", name(first[0], axes), name(last[0], axes), actions.len());
+    }
+    let runs: Vec<_> = runs.iter().map(|run| format!("{} for {}", name(run[0], axes), run.len())).collect();
+    runs.join("; ")
 }
 
-fn name(action: Action) -> String {
-    let mut name = match action.steer {
-        steer if steer < 0.0 => "left",
-        steer if steer > 0.0 => "right",
-        _ => "straight",
-    }
-    .to_owned();
-    if action.gas > FAST {
-        name.push_str(" fast");
-    }
-    if action.brake > 0.0 {
-        name.push_str(" braking");
-    }
-    name
+fn name(action: Action, axes: &[Axis]) -> String {
+    let moved = axes.iter().zip(action.iter()).filter(|(axis, value)| **value != axis.neutral);
+    let moved: Vec<_> = moved.map(|(axis, value)| format!("{} {}", axis.name, rounded(*value))).collect();
+    if moved.is_empty() { "nothing".to_owned() } else { moved.join(", ") }
+}
+
+/// A value with as many digits as tell something.
+fn rounded(value: f32) -> String {
+    let digits = if value.abs() >= 100.0 { 0 } else { 2 };
+    let text = format!("{value:.digits$}");
+    if digits == 0 { text } else { text.trim_end_matches('0').trim_end_matches('.').to_owned() }
 }
 
 #[cfg(test)]
@@ -86,16 +89,22 @@ mod tests {
 
     #[test]
     fn actions_are_said_run_by_run() {
-        let mut actions = vec![Action::new(-1.0, 0.1, 0.0); 4];
-        actions.extend(vec![Action::new(0.0, 0.2, 0.0); 10]);
-        actions.push(Action::new(1.0, 0.1, 0.2));
-        assert_eq!(in_words(&actions), "left 4 · straight fast 10 · right braking 1");
+        let mut actions = vec![Action::new([-1.0, 0.1, 0.0]); 4];
+        actions.extend(vec![Action::new([0.0, 0.2, 0.0]); 10]);
+        actions.push(Action::new([1.0, 0.1, 0.2]));
+        let axes = crate::world::WorldSpec::built_in("car-racing").unwrap().axes;
+        assert_eq!(
+            in_words(&actions, &axes),
+            "steer -1, gas 0.1 for 4; gas 0.2 for 10; steer 1, gas 0.1, brake 0.2 for 1"
+        );
+        let all_differ: Vec<_> = (0..20).map(|t| Action::new([0.0, t as f32 / 20.0, 0.0])).collect();
+        assert_eq!(in_words(&all_differ, &axes), "nothing to gas 0.95 in 20");
     }
 
     #[test]
     fn a_plan_is_drawn_candidate_by_candidate_to_the_last_picture() {
         let zs = Rows { width: 4, values: (0..60).map(|i| i as f32 / 10.0).collect() };
-        let candidate = Candidate { actions: vec![Action::default(); 15], predicted_return: 2.5, zs };
+        let candidate = Candidate { actions: vec![Action::new([0.0; 3]); 15], predicted_return: 2.5, zs };
         let last = fixtures::model().decode(&from_slice(candidate.zs.row(14), &[1, 4]));
         let mut drawing =
             PlanDrawing::new(Plan { candidates: vec![candidate.clone(), candidate], chosen: 1 });

@@ -45,8 +45,8 @@ mod tests {
 
     use super::*;
     use crate::dataset::{EpisodeInfo, StepRecord};
-    use crate::env::{Action, Frame};
     use crate::run::Run;
+    use crate::world::{Action, Frame};
     use crate::world_model::WorldModelConfig;
     use crate::world_model::fit::{FitConfig, Means, fit_world, fit_world_with, read_one_by_one};
 
@@ -56,14 +56,13 @@ mod tests {
         for seed in 0..40_u64 {
             let info = EpisodeInfo { env: "dummy-road".to_owned(), pilot: "nobody".to_owned(), seed };
             let mut recording = dataset.begin(info).unwrap();
-            let frame = Frame::new(side, vec![seed as u8; (3 * side * side) as usize]);
+            let frame = Frame::square(side, vec![seed as u8; (3 * side * side) as usize]);
             for _ in 0..3 {
                 let step = StepRecord {
                     frame: frame.clone(),
-                    action: Action::default(),
+                    action: Action::new([0.0; 3]),
                     reward: 0.0,
-                    grass: false,
-                    contacts: None,
+                    events: vec![false],
                     wall_time_ns: 0,
                     state: Vec::new(),
                 };

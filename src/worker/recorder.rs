@@ -1,19 +1,20 @@
 //! Lets a person drive the real car by hand, every step of it on disk before the next.
 
 use std::path::Path;
+use std::sync::Arc;
 use std::sync::mpsc::Receiver;
 use std::time::{Instant, SystemTime, UNIX_EPOCH};
 
-use crate::dataset::{Dataset, DatasetError, EpisodeInfo, Recording, StepRecord};
-use crate::env::{Action, End, Env, Frame, Seed};
+use crate::dataset::{Dataset, DatasetError, EpisodeInfo, Layout, Recording, StepRecord};
 use crate::planner::PlannerConfig;
 use crate::worker::clock::{Allowance, Beat, Clock, Rate, held};
 use crate::worker::error::TaskError;
 use crate::worker::rollout_comparison::Assistant;
 use crate::worker::{
-    Latest, LiveAction, LiveView, PICTURE, RecordReport, RecorderCommand, Reports, RolloutView, Worker,
-    WorkerError, WorkerName, one_thread, picture,
+    Latest, LiveAction, LiveView, OpenError, OpenWorld, RecordReport, RecorderCommand, Reports, RolloutView,
+    Worker, WorkerError, WorkerName, one_thread, picture,
 };
+use crate::world::{Action, End, Frame, World, WorldSpec};
 
 const NAME: WorkerName = WorkerName::Recorder;
 /// The name of the driver in the recordings.
@@ -22,19 +23,18 @@ const PILOT: &str = "person";
 /// What a recorder shows: the real car, and the rollout that it is compared with.
 pub type Views = (Latest<LiveView>, Latest<RolloutView>);
 
-/// Starts a thread that drives `env`, called `env_name` in recordings, by `action` or as `planner` says, and shows it
+/// Starts a thread that drives the world that `open` opens, which is `spec`, by `action` or as `planner` says, and shows it
 /// in `views`.
 pub fn spawn(
-    env: Box<dyn Env>,
-    env_name: &str,
+    open: OpenWorld,
+    spec: Arc<WorldSpec>,
     planner: PlannerConfig,
     action: LiveAction,
     views: Views,
     reports: &Reports,
 ) -> Worker<RecorderCommand> {
-    let env_name = env_name.to_owned();
     Worker::spawn(NAME, reports, move |commands, reports| {
-        record(&commands, &reports, env, &env_name, planner, &action, &views);
+        record(&commands, &reports, &open, &spec, planner, &action, &views);
         Ok(())
     })
 }
@@ -43,24 +43,26 @@ pub fn spawn(
 pub fn record(
     commands: &Receiver<RecorderCommand>,
     reports: &Reports,
-    env: Box<dyn Env>,
-    env_name: &str,
+    open: &OpenWorld,
+    spec: &Arc<WorldSpec>,
     planner: PlannerConfig,
     action: &LiveAction,
     (view, rollout): &Views,
 ) {
     one_thread();
     let mut recorder = Recorder {
-        env,
-        env_name,
+        open,
+        world: None,
+        spec,
+        neutral: Action::new(spec.neutral()),
         reports,
         action,
         view,
         rollout,
-        clock: Clock::default(),
+        clock: Clock::at(spec.rate),
         drawing: Allowance::default(),
         pictures: Rate::default(),
-        assistant: Assistant::new(planner),
+        assistant: Assistant::new(Arc::clone(spec), planner),
         take: None,
     };
     loop {
@@ -71,15 +73,19 @@ pub fn record(
             Beat::Over => return,
         };
         if let Err(e) = done {
-            reports.fail(NAME, WorkerError::from(e).gave_up());
+            reports.fail(NAME, e.gave_up());
         }
     }
 }
 
 /// What the thread owns.
 struct Recorder<'a> {
-    env: Box<dyn Env>,
-    env_name: &'a str,
+    open: &'a OpenWorld,
+    /// Open once somebody has driven in it. A world that failed is opened anew for the next episode.
+    world: Option<Box<dyn World>>,
+    spec: &'a Arc<WorldSpec>,
+    /// What is done where nobody does anything.
+    neutral: Action,
     reports: &'a Reports,
     action: &'a LiveAction,
     view: &'a Latest<LiveView>,
@@ -114,7 +120,7 @@ struct Unsaved {
 }
 
 impl Recorder<'_> {
-    fn handle(&mut self, command: RecorderCommand) -> Result<(), DatasetError> {
+    fn handle(&mut self, command: RecorderCommand) -> Result<(), WorkerError> {
         match command {
             RecorderCommand::Start { dataset, seed } => {
                 self.end(None)?;
@@ -133,7 +139,7 @@ impl Recorder<'_> {
             }
             RecorderCommand::Pause(_) => {}
             RecorderCommand::Model(model) => {
-                let used = self.assistant.use_model(model, self.env_name, self.env.frame().side());
+                let used = self.assistant.use_model(model);
                 self.assisted(used);
             }
             RecorderCommand::Reward(reward) => {
@@ -185,63 +191,71 @@ impl Recorder<'_> {
 
     /// Opens the dataset for recording, and reports what had to be moved out of it.
     fn open(&self, dataset: &Path) -> Result<Dataset, DatasetError> {
-        let dataset = Dataset::create_or_open(dataset, self.env_name)?;
+        let dataset = Dataset::create_or_open(dataset, &self.spec.name)?;
         for damaged in dataset.damaged() {
             self.reports.send(RecordReport::LeftOut(damaged.to_string()));
         }
         Ok(dataset)
     }
 
-    fn start(&mut self, dataset: &Path, seed: u64) -> Result<(), DatasetError> {
+    fn start(&mut self, dataset: &Path, seed: u64) -> Result<(), WorkerError> {
         let dataset = self.open(dataset)?;
-        let info = EpisodeInfo { env: self.env_name.to_owned(), pilot: PILOT.to_owned(), seed };
-        let recording = dataset.begin_with(info, self.env.sensors())?;
-        self.env.reset(Seed::Native(seed));
-        self.take = Some(Take {
-            dataset,
-            recording,
-            frame: self.env.frame(),
-            action: Action::default(),
-            unsaved: None,
-        });
+        let mut world = match self.world.take() {
+            Some(world) => world,
+            None => (self.open)(false)?,
+        };
+        let frame = world.reset(seed).map_err(OpenError::World)?;
+        let info = EpisodeInfo { env: self.spec.name.clone(), pilot: PILOT.to_owned(), seed };
+        let layout = Layout::of(self.spec, &world.sensors());
+        let recording = dataset.begin_with(info, &layout)?;
+        self.world = Some(world);
+        self.take = Some(Take { dataset, recording, frame, action: self.neutral, unsaved: None });
         self.assistant.begin();
-        self.clock = Clock::default();
+        self.clock = Clock::at(self.spec.rate);
         self.show();
         self.clock.start(Instant::now());
         Ok(())
     }
 
-    fn tick(&mut self) -> Result<(), DatasetError> {
+    fn tick(&mut self) -> Result<(), WorkerError> {
         let now = Instant::now();
         self.clock.tick(now);
         let Some(take) = &mut self.take else { return Ok(()) };
         // With a step missing it would be another episode: nothing is driven before that one is on disk.
         if take.unsaved.is_some() {
-            return self.write_down();
+            return Ok(self.write_down()?);
         }
-        let hands = held(self.action, now);
+        let Some(world) = &mut self.world else { return Ok(()) };
+        let hands = held(self.action, self.neutral, now);
         let planned = self.assistant.act(hands, &take.frame).unwrap_or_else(|met| {
             self.reports.fail(NAME, TaskError::PlannerEnded(met));
             None
         });
         take.action = planned.unwrap_or(hands);
-        let (wall_time_ns, state) = (nanos_since_1970(), self.env.state());
-        let outcome = self.env.advance(take.action);
-        let executed = self.env.executed().unwrap_or(take.action);
+        let (wall_time_ns, state) = (nanos_since_1970(), world.state());
+        let step = match world.step(&take.action) {
+            Ok(step) => step,
+            // What was recorded so far is an episode, and the world is opened anew for the next one.
+            Err(met) => {
+                self.world = None;
+                self.reports.fail(NAME, WorkerError::from(OpenError::World(met)));
+                return Ok(self.end(None)?);
+            }
+        };
+        let executed = step.executed.unwrap_or(take.action);
         if let Err(met) = self.assistant.acted(&take.frame, executed) {
             self.reports.fail(NAME, TaskError::RolloutEnded(met));
         }
-        let step = StepRecord {
-            frame: std::mem::replace(&mut take.frame, self.env.frame()),
+        let record = StepRecord {
+            frame: std::mem::replace(&mut take.frame, step.frame),
             action: take.action,
-            reward: outcome.reward,
-            grass: outcome.events.grass,
-            contacts: self.env.truth().contacts,
+            reward: step.reward.unwrap_or_default(),
+            events: step.events.iter().map(|event| event.goes_on).collect(),
             wall_time_ns,
             state,
         };
-        take.unsaved = Some(Unsaved { step, planned: planned.is_some(), end: outcome.end });
-        self.write_down()
+        take.unsaved = Some(Unsaved { step: record, planned: planned.is_some(), end: step.end });
+        Ok(self.write_down()?)
     }
 
     /// Writes down the step that was driven last.
@@ -330,7 +344,7 @@ impl Recorder<'_> {
         self.pictures.note(Instant::now());
         self.view.put(LiveView {
             frame: take.frame.clone(),
-            picture: Some(picture(self.env.as_ref(), PICTURE)),
+            picture: self.world.as_deref().map(|world| picture(world, &take.frame)),
             step: take.recording.n_steps(),
             action: take.action,
             steps_per_sec: self.clock.steps_per_sec(),
@@ -339,7 +353,7 @@ impl Recorder<'_> {
             is_paused: !self.clock.runs(),
             n_unsafe_marks: 0,
             is_planned: self.assistant.is_driving(),
-            wheels_off: Some(self.env.truth().wheels_off),
+            status: self.world.as_ref().and_then(|world| world.status()),
         });
         self.reports.wake();
     }
@@ -374,7 +388,12 @@ mod tests {
 
     use super::*;
     use crate::worker::Report;
-    use crate::worker::fixtures::Wall;
+    use crate::worker::fixtures::{self, Wall};
+    use crate::world::cars::Env as _;
+
+    fn spec() -> Arc<WorldSpec> {
+        Arc::clone(fixtures::wall(1)(false).unwrap().spec())
+    }
 
     fn recorder(
         len: usize,
@@ -384,7 +403,7 @@ mod tests {
     ) -> Worker<RecorderCommand> {
         let views = (view.clone(), Latest::default());
         let planner = PlannerConfig::car_racing();
-        spawn(Box::new(Wall::new(len)), "wall", planner, action.clone(), views, reports)
+        spawn(fixtures::wall(len), spec(), planner, action.clone(), views, reports)
     }
 
     #[test]
@@ -393,7 +412,7 @@ mod tests {
         let (reports, inbox) = Reports::new(|| ());
         let (action, view) = (Latest::default(), Latest::default());
         let recorder = recorder(5, &action, &view, &reports);
-        action.put((Action::new(0.5, 1.0, 0.0), Instant::now() + std::time::Duration::from_secs(1000)));
+        action.put((Action::new([0.5, 1.0, 0.0]), Instant::now() + std::time::Duration::from_secs(1000)));
         recorder.send(RecorderCommand::Start { dataset: dir.path().to_owned(), seed: 9 });
         let Report::Record(RecordReport::Recorded { episode: 0, n_steps: 5 }) = inbox.recv().unwrap() else {
             panic!("another report")
@@ -403,7 +422,7 @@ mod tests {
         let episode = Dataset::open(dir.path()).unwrap().episode(0).unwrap();
         assert_eq!((episode.frames.len(), episode.done, episode.info.seed), (6, true, 9));
         assert!(episode.truncated, "the wall ends when its time is up");
-        assert_eq!(episode.actions, [Action::new(0.5, 1.0, 0.0); 5]);
+        assert_eq!(episode.actions, [Action::new([0.5, 1.0, 0.0]); 5]);
         assert!(episode.frames.iter().enumerate().all(|(t, frame)| frame.rgb()[0] == t as u8));
         let (width, height, rgb) = view.take().unwrap().picture.unwrap();
         assert_eq!(rgb.len() as u32, 3 * width * height);
@@ -497,10 +516,9 @@ mod tests {
         let info = EpisodeInfo { env: "wall".to_owned(), pilot: PILOT.to_owned(), seed: 0 };
         let step = StepRecord {
             frame: Wall::new(5).frame(),
-            action: Action::default(),
+            action: Action::new([0.0; 3]),
             reward: 0.0,
-            contacts: None,
-            grass: false,
+            events: vec![false],
             wall_time_ns: 0,
             state: Vec::new(),
         };
@@ -521,7 +539,7 @@ mod tests {
         let (reports, inbox) = Reports::new(|| ());
         let planner = PlannerConfig::car_racing();
         let views = Views::default();
-        record(&received, &reports, Box::new(Wall::new(5)), "wall", planner, &Latest::default(), &views);
+        record(&received, &reports, &fixtures::wall(5), &spec(), planner, &Latest::default(), &views);
         drop(reports);
         inbox.iter().collect()
     }

@@ -4,7 +4,6 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use crate::dream::{DreamEpisode, Rows};
-use crate::env::Frame;
 use crate::evaluation::EpisodeMetrics;
 use crate::planner::synthesis::Acquisition;
 use crate::query::{DreamId, Query, SegmentRef};
@@ -16,6 +15,7 @@ use crate::worker::{
     ClipRewards, DreamRewards, DriveView, EpisodeList, EpisodeView, FolderCheck, LiveView, OpenEpisode,
     ReviewView, RolloutView,
 };
+use crate::world::Frame;
 use crate::world_model::LatentState;
 use crate::world_model::fit::Progress;
 
@@ -381,6 +381,8 @@ pub struct SessionItem {
 pub enum Dropped {
     /// A file of parameters.
     WorldModel,
+    /// The file of a world, which can be opened.
+    World,
     /// The folder of a session.
     Session,
     /// Another folder: recordings, perhaps.

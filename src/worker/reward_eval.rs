@@ -2,12 +2,12 @@
 
 use tch::Kind;
 
-use crate::env::Action;
 use crate::reward::{
     LearnedReward, RewardEnsemble, RewardError, RewardModel as _, RewardNetworks, SparseReward,
     scaled_actions_tensor,
 };
 use crate::tensor::{Parameters, from_slice, to_vec};
+use crate::world::{Action, ActionRanges};
 use crate::world_model::{ModelIdentity, actions_tensor};
 
 /// A reward of either kind, evaluated as a whole and member by member.
@@ -38,9 +38,14 @@ impl RewardEvaluator {
     }
 
     /// What the reward is of each step, whose `features` are one row each, and what it is by each member alone.
-    pub(super) fn evaluate_members(&self, features: &[f32], actions: &[Action]) -> (Vec<f32>, Vec<Vec<f32>>) {
+    pub(super) fn evaluate_members(
+        &self,
+        features: &[f32],
+        actions: &[Action],
+        ranges: &ActionRanges,
+    ) -> (Vec<f32>, Vec<Vec<f32>>) {
         let rows = from_slice(features, &[actions.len() as i64, -1]);
-        let scaled = scaled_actions_tensor(actions);
+        let scaled = scaled_actions_tensor(actions, ranges);
         let (rewards, members) = match self {
             Self::Preferences(reward) => {
                 let members = reward.member_rewards(&rows, &scaled); // [E, T]
@@ -57,8 +62,13 @@ impl RewardEvaluator {
     }
 
     /// The reward of each step, the lowest by any member, and the highest.
-    pub(super) fn evaluate(&self, features: &[f32], actions: &[Action]) -> [Vec<f32>; 3] {
-        let (rewards, members) = self.evaluate_members(features, actions);
+    pub(super) fn evaluate(
+        &self,
+        features: &[f32],
+        actions: &[Action],
+        ranges: &ActionRanges,
+    ) -> [Vec<f32>; 3] {
+        let (rewards, members) = self.evaluate_members(features, actions, ranges);
         let all = |pick: fn(f32, f32) -> f32| -> Vec<f32> {
             let at = |t: usize| members.iter().map(|member| member[t]).reduce(pick).unwrap_or_default();
             (0..rewards.len()).map(at).collect()
@@ -81,25 +91,27 @@ mod tests {
     fn rewards_of_either_kind_are_evaluated_member_by_member() {
         let rng = &mut ChaCha8Rng::seed_from_u64(0);
         let model = fixtures::model();
-        let preferences = RewardEnsemble::new(36, &model.hash(), RewardConfig::tiny(), rng).parameters();
-        let verdicts = SparseReward::new(36, &model.hash(), SparseConfig::tiny(), rng).parameters();
+        let preferences =
+            RewardEnsemble::new((36, model.hash().as_str()), RewardConfig::tiny(), rng).parameters();
+        let verdicts = SparseReward::new((36, model.hash().as_str()), SparseConfig::tiny(), rng).parameters();
         let others = [
-            RewardEnsemble::new(36, "another", RewardConfig::tiny(), rng).parameters(),
-            SparseReward::new(36, "another", SparseConfig::tiny(), rng).parameters(),
+            RewardEnsemble::new((36, "another"), RewardConfig::tiny(), rng).parameters(),
+            SparseReward::new((36, "another"), SparseConfig::tiny(), rng).parameters(),
         ];
         let features: Vec<f32> = (0..180).map(|i| (i as f32).sin()).collect();
-        let actions: Vec<Action> = (0..5).map(|t| Action::new(0.2 * t as f32, 0.5, 0.0)).collect();
+        let actions: Vec<Action> = (0..5).map(|t| Action::new([0.2 * t as f32, 0.5, 0.0])).collect();
         for (parameters, other) in [preferences, verdicts].into_iter().zip(others) {
             assert!(RewardEvaluator::load(&other, model.identity()).is_err());
             let evaluator = RewardEvaluator::load(&parameters, model.identity()).unwrap();
-            let (rewards, members) = evaluator.evaluate_members(&features, &actions);
-            let scaled = scaled_actions_tensor(&actions);
+            let (rewards, members) =
+                evaluator.evaluate_members(&features, &actions, &ActionRanges::default());
+            let scaled = scaled_actions_tensor(&actions, &ActionRanges::default());
             let by_hand = to_vec(&evaluator.frozen().rewards(&from_slice(&features, &[5, 36]), &scaled));
             let gap = |a: &[f32], b: &[f32]| a.iter().zip(b).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
             // Frozen ones compute in whatever is quickest.
             assert!(gap(&rewards, &by_hand) < 0.02, "{rewards:?} and {by_hand:?}");
             assert!(members.len() > 1 && members.iter().all(|member| member.len() == 5), "{members:?}");
-            let [_, low, high] = evaluator.evaluate(&features, &actions);
+            let [_, low, high] = evaluator.evaluate(&features, &actions, &ActionRanges::default());
             let lowest = members.iter().map(|member| member[2]).fold(f32::INFINITY, f32::min);
             assert!(low[2] == lowest && low.iter().zip(&high).all(|(low, high)| low < high));
         }

@@ -1,16 +1,19 @@
 //! What runs beside a person in the real car: a rollout of the world model to compare with, and a planner that can drive.
 
+use std::sync::Arc;
+
 use crate::dream::TEMPERATURE;
-use crate::env::{Action, Frame};
 use crate::planner::{Agent, PlannerConfig};
 use crate::reward::LearnedReward;
 use crate::tensor::{NotFinite, Parameters};
 use crate::worker::error::TaskError;
 use crate::worker::{RolloutComparison, RolloutView, WorkerError};
+use crate::world::{Action, Frame, WorldSpec};
 use crate::world_model::{Next, State, WorldModel, actions_tensor};
 
 /// What runs beside the drive, as far as it was asked for.
 pub(super) struct Assistant {
+    spec: Arc<WorldSpec>,
     planner: PlannerConfig,
     model: Option<WorldModel>,
     reward: Option<LearnedReward>,
@@ -27,23 +30,24 @@ struct Rollout {
 }
 
 impl Assistant {
-    pub(super) fn new(planner: PlannerConfig) -> Self {
-        Self { planner, model: None, reward: None, agent: None, comparison: None, rollout: None }
+    pub(super) fn new(spec: Arc<WorldSpec>, planner: PlannerConfig) -> Self {
+        Self { spec, planner, model: None, reward: None, agent: None, comparison: None, rollout: None }
     }
 
-    /// Predicts and plans with this model from now on; `env` and `side` say what it has to see.
-    pub(super) fn use_model(&mut self, model: Parameters, env: &str, side: u32) -> Result<(), WorkerError> {
+    /// Predicts and plans with this model from now on, which must be of the world that is driven in.
+    pub(super) fn use_model(&mut self, model: Parameters) -> Result<(), WorkerError> {
         if self.model.as_ref().is_some_and(|known| known.hash() == model.hash()) {
             return Ok(());
         }
         (self.model, self.reward, self.agent, self.rollout) = (None, None, None, None);
         let model = WorldModel::load(model)?;
-        let config = model.config();
-        let sees_side = config.vae.side as u32;
-        if config.env != env || sees_side != side {
-            let (sees, env) = (config.env.clone(), env.to_owned());
-            return Err(TaskError::OtherEnv { sees, sees_side, env, side }.into());
+        let (of, here) = (model.spec(), &self.spec);
+        let told = |spec: &WorldSpec| (spec.name.clone(), spec.image.trained(), spec.axes.len());
+        if told(of) != told(here) {
+            let in_words = |spec: &WorldSpec| format!("{:?} ({})", spec.name, spec.image.trained());
+            return Err(TaskError::OtherEnv { sees: in_words(of), env: in_words(here) }.into());
         }
+        self.planner = self.planner.clone().for_model(&model);
         self.model = Some(model);
         Ok(())
     }
@@ -96,7 +100,7 @@ impl Assistant {
     ///
     /// Where it meets what is no number, it gives the wheel back.
     pub(super) fn act(&mut self, hands: Action, frame: &Frame) -> Result<Option<Action>, NotFinite> {
-        if hands != Action::default() {
+        if *hands != self.spec.neutral()[..] {
             self.agent = None;
         }
         let (Some(agent), Some(model), Some(reward)) = (&mut self.agent, &self.model, &self.reward) else {
@@ -160,15 +164,14 @@ mod tests {
     use crate::worker::fixtures;
 
     fn gray(shade: u8) -> Frame {
-        let side = fixtures::model().config().vae.side as u32;
-        Frame::new(side, vec![shade; (3 * side * side) as usize])
+        let side = fixtures::model().config().vae.height as u32;
+        Frame::square(side, vec![shade; (3 * side * side) as usize])
     }
 
     fn assistant() -> Assistant {
-        let mut assistant = Assistant::new(PlannerConfig::car_racing());
+        let mut assistant = Assistant::new(Arc::clone(fixtures::model().spec()), PlannerConfig::car_racing());
         let model = fixtures::model();
-        let side = model.config().vae.side as u32;
-        assistant.use_model(model.parameters().clone(), "dummy-road", side).unwrap();
+        assistant.use_model(model.parameters().clone()).unwrap();
         assistant
     }
 
@@ -184,7 +187,7 @@ mod tests {
         assistant.compare(Some(RolloutComparison { reset: Some(3) }));
         let mut views = Vec::new();
         for t in 0..5 {
-            assistant.acted(&gray(10 * t), Action::new(0.0, 1.0, 0.0)).unwrap();
+            assistant.acted(&gray(10 * t), Action::new([0.0, 1.0, 0.0])).unwrap();
             views.push(assistant.view(usize::from(t), &gray(10)).unwrap());
         }
         assert_eq!(views.iter().map(|view| view.since).collect::<Vec<_>>(), [1, 2, 3, 1, 2]);
@@ -194,7 +197,7 @@ mod tests {
         let mut state = State { z, memory: model.no_memory(1) };
         for _ in 0..3 {
             let next = Next::Mean { temperature: TEMPERATURE };
-            state = model.imagine(&state, &actions_tensor(&[Action::new(0.0, 1.0, 0.0)]), next);
+            state = model.imagine(&state, &actions_tensor(&[Action::new([0.0, 1.0, 0.0])]), next);
         }
         let by_hand = model.decode(&state.z).pop().unwrap();
         assert_eq!(views[2].frame, by_hand, "three steps after the only look");
@@ -207,13 +210,13 @@ mod tests {
         assistant.hand_over(true, 0);
         assert!(!assistant.is_driving(), "without a reward it cannot");
         let rng = &mut ChaCha8Rng::seed_from_u64(0);
-        let reward = RewardEnsemble::new(36, &fixtures::model().hash(), RewardConfig::tiny(), rng);
+        let reward = RewardEnsemble::new((36, fixtures::model().hash().as_str()), RewardConfig::tiny(), rng);
         assistant.use_reward(&reward.parameters()).unwrap();
         assistant.hand_over(true, 0);
-        let action = assistant.act(Action::default(), &gray(3)).unwrap();
-        assert!(action.is_some_and(|action| action.gas > 0.0), "{action:?}");
-        assert_eq!(assistant.act(Action::new(0.5, 0.0, 0.0), &gray(3)), Ok(None));
-        assert_eq!(assistant.act(Action::default(), &gray(3)), Ok(None), "until it is handed over again");
+        let action = assistant.act(Action::new([0.0; 3]), &gray(3)).unwrap();
+        assert!(action.is_some_and(|action| action[1] > 0.0), "{action:?}");
+        assert_eq!(assistant.act(Action::new([0.5, 0.0, 0.0]), &gray(3)), Ok(None));
+        assert_eq!(assistant.act(Action::new([0.0; 3]), &gray(3)), Ok(None), "until it is handed over again");
     }
 
     #[test]
@@ -221,7 +224,7 @@ mod tests {
         let mut assistant = assistant();
         let verdicts = |world: &str| {
             let rng = &mut ChaCha8Rng::seed_from_u64(0);
-            SparseReward::new(36, world, SparseConfig::tiny(), rng)
+            SparseReward::new((36, world), SparseConfig::tiny(), rng)
         };
         let reward = verdicts(&fixtures::model().hash());
         assistant.use_reward(&reward.parameters()).unwrap();
@@ -229,7 +232,7 @@ mod tests {
         let config = PlannerConfig::car_racing().for_transitions();
         let by_hand =
             Agent::new(config, 3).act(&fixtures::model(), &reward.for_inference(), &gray(3)).unwrap().0;
-        assert_eq!(assistant.act(Action::default(), &gray(3)), Ok(Some(by_hand)));
+        assert_eq!(assistant.act(Action::new([0.0; 3]), &gray(3)), Ok(Some(by_hand)));
         let refused = assistant.use_reward(&verdicts("sha256:0").parameters()).unwrap_err().to_string();
         assert!(refused.contains("the planner cannot drive by this reward"), "{refused}");
         assert!(!assistant.is_driving(), "nor does it drive by the one before");
@@ -237,10 +240,13 @@ mod tests {
 
     #[test]
     fn a_model_of_another_world_is_refused() {
-        let refused = Assistant::new(PlannerConfig::car_racing())
-            .use_model(fixtures::model().parameters().clone(), "car-racing", 84)
+        let refused = Assistant::new(Arc::new(WorldSpec::default()), PlannerConfig::car_racing())
+            .use_model(fixtures::model().parameters().clone())
             .unwrap_err()
             .to_string();
-        assert!(refused.contains("sees dummy-road") && refused.contains("car-racing at 84"), "{refused}");
+        assert!(
+            refused.contains("sees \"dummy-road\" (20 x 20)") && refused.contains("car-racing\" (84 x 84)"),
+            "{refused}"
+        );
     }
 }

@@ -473,7 +473,7 @@ mod tests {
         begin(&mut writer);
         let rng = &mut <rand_chacha::ChaCha8Rng as rand::SeedableRng>::seed_from_u64(0);
         let hash = fixtures::model().hash();
-        let parameters = RewardEnsemble::new(36, &hash, RewardConfig::tiny(), rng).parameters();
+        let parameters = RewardEnsemble::new((36, hash.as_str()), RewardConfig::tiny(), rng).parameters();
         let fit = Fit { after: 2, n_labels: 0, seed: 4, epochs: 1, losses: vec![0.5], held_out: None };
         let save = || SessionWriterCommand::SaveReward { parameters: parameters.clone(), fit: fit.clone() };
         let report = one(&mut writer, save());

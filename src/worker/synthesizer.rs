@@ -9,7 +9,7 @@ use rand_chacha::ChaCha8Rng;
 
 use crate::dream::Rows;
 use crate::planner::synthesis::{Acquisition, SynthesisConfig, synthesize};
-use crate::reward::{RewardKind, SparseConfig, SparseReward};
+use crate::reward::{RewardInputs, RewardKind, SparseConfig, SparseReward};
 use crate::tensor::{Parameters, from_slice};
 use crate::worker::error::TaskError;
 use crate::worker::{LabelReport, Reports, SynthesizerCommand, Worker, WorkerError, WorkerName, one_thread};
@@ -101,12 +101,7 @@ impl Wanted {
             .as_ref()
             .filter(|parameters| RewardKind::of(parameters) == Some(RewardKind::Verdicts));
         let Some(learned) = learned else {
-            return Ok(SparseReward::new(
-                model.config().n_features(),
-                &model.hash(),
-                SparseConfig::request(),
-                rng,
-            ));
+            return Ok(SparseReward::new(RewardInputs::of(model), SparseConfig::request(), rng));
         };
         let reward = SparseReward::load(learned)?;
         reward.require(model.identity()).map_err(TaskError::OtherClassifier)?;
@@ -207,7 +202,7 @@ mod tests {
     #[test]
     fn a_classifier_of_another_world_is_refused() {
         let rng = &mut ChaCha8Rng::seed_from_u64(0);
-        let other = SparseReward::new(36, "sha256:other", SparseConfig::tiny(), rng).parameters();
+        let other = SparseReward::new((36, "sha256:other"), SparseConfig::tiny(), rng).parameters();
         let reports = reports_of([wish(1, Some(other))]);
         let [Report::Failed(failure)] = &reports[..] else { panic!("{reports:?}") };
         let message = failure.error.to_string();

@@ -5,9 +5,9 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use crate::dataset::Summary;
-use crate::env::{Action, Frame};
 use crate::evaluation::EpisodeMetrics;
 use crate::query::DreamId;
+use crate::world::{Action, Frame, Status};
 
 /// What a person sees while driving, and how well the clock keeps.
 #[derive(Clone, Debug)]
@@ -32,8 +32,8 @@ pub struct LiveView {
     pub n_unsafe_marks: usize,
     /// Whether the planner drives, and not a person.
     pub is_planned: bool,
-    /// How many of the real car's four wheels are off the road now, whatever the environment's latch says.
-    pub wheels_off: Option<u8>,
+    /// What of the real world's present moment is worth a few words.
+    pub status: Option<Status>,
 }
 
 /// How a rollout of the world model is compared with the real car.
@@ -137,8 +137,8 @@ pub struct OpenEpisode {
     pub actions: Vec<Action>,
     /// What the environment gave for it, which the method never sees.
     pub rewards: Vec<f32>,
-    /// The steps on the grass.
-    pub grass: Vec<Range<usize>>,
+    /// The steps in which something went on that must not happen.
+    pub unsafe_steps: Vec<Range<usize>>,
     /// The steps that the planner drove.
     pub planned: Vec<Range<usize>>,
 }
@@ -182,6 +182,6 @@ pub struct DriveView {
     pub chosen: usize,
     /// How long the latest plan took, in milliseconds.
     pub plan_ms: f32,
-    /// How many of the four wheels are off the road now, whatever the environment's latch says.
-    pub wheels_off: u8,
+    /// What of this moment is worth a few words.
+    pub status: Option<Status>,
 }

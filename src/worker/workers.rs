@@ -4,7 +4,6 @@ use std::collections::VecDeque;
 use std::path::Path;
 use std::sync::Arc;
 
-use crate::env::{Aids, Env};
 use crate::planner::PlannerConfig;
 use crate::planner::synthesis::SynthesisConfig;
 use crate::reward::RewardConfig;
@@ -14,11 +13,12 @@ use crate::worker::jobs::Jobs;
 use crate::worker::{
     Cause, ClipperCommand, DeployReport, Dismissed, DreamInspectorCommand, DreamReport, DreamerCommand,
     DriveView, DriverCommand, EpisodeBrowserCommand, EpisodeView, Inbox, Latest, LiveAction, LiveView,
-    LoadedWorld, ModelerCommand, RecordReport, RecorderCommand, Report, Reports, ReviewView, RolloutView,
-    ScreenerCommand, SessionWriterCommand, SynthesizerCommand, TrainerCommand, Worker, WorkerCommand,
-    clipper, dream_inspector, dreamer, driver, episode_browser, modeler, recorder, screener, session_writer,
-    synthesizer, trainer,
+    LoadedWorld, ModelerCommand, OpenWorld, RecordReport, RecorderCommand, Report, Reports, ReviewView,
+    RolloutView, ScreenerCommand, SessionWriterCommand, SynthesizerCommand, TrainerCommand, Worker,
+    WorkerCommand, clipper, dream_inspector, dreamer, driver, episode_browser, modeler, recorder, screener,
+    session_writer, synthesizer, trainer,
 };
+use crate::world::WorldSpec;
 use crate::world_model::WorldModelConfig;
 use crate::world_model::fit::FitConfig;
 
@@ -39,10 +39,10 @@ pub type LoadWorldModel = Arc<dyn Fn(&Path) -> Result<LoadedWorld, Cause> + Send
 
 /// What workers are made with.
 pub struct WorkerConfig {
-    /// Makes the real world; its aids help a deployed car, as in the paper's evaluation, and nobody who records.
-    pub env: Box<dyn Fn(Aids) -> Box<dyn Env>>,
-    /// What it is called in recordings.
-    pub env_name: String,
+    /// Opens the real world; it may help a deployed planner, as in the paper's evaluation, and nobody who records.
+    pub open: OpenWorld,
+    /// What it is.
+    pub spec: Arc<WorldSpec>,
     /// The shapes of a world model that is fitted here.
     pub world: WorldModelConfig,
     /// How it is fitted.
@@ -203,7 +203,7 @@ workers! {
     };
     Driver, driver: DriverCommand, lives Session, fills [drive], |start| {
         let (planner, view) = (start.config.planner.clone(), start.slots.drive.clone());
-        Some(driver::spawn((start.config.env)(Aids::ALL), start.model()?, planner, view, start.reports))
+        Some(driver::spawn(Arc::clone(&start.config.open), start.model()?, planner, view, start.reports))
     };
     DreamInspector, dream_inspector: DreamInspectorCommand, lives Session, fills [review], |start| {
         let (planner, view) = (start.config.planner.clone(), start.slots.review.clone());
@@ -213,10 +213,10 @@ workers! {
         let Start { config, slots, reports, .. } = start;
         let (action, views) = (slots.action.clone(), (slots.record.clone(), slots.rollout.clone()));
         let planner = config.planner.clone();
-        Some(recorder::spawn((config.env)(Aids::NONE), &config.env_name, planner, action, views, reports))
+        Some(recorder::spawn(Arc::clone(&config.open), Arc::clone(&config.spec), planner, action, views, reports))
     };
     EpisodeBrowser, episode_browser: EpisodeBrowserCommand, lives Program, fills [episode], |start| {
-        Some(episode_browser::spawn(start.slots.episode.clone(), start.reports))
+        Some(episode_browser::spawn(Arc::clone(&start.config.spec), start.slots.episode.clone(), start.reports))
     };
     Modeler, modeler: ModelerCommand, lives Program, fills [], |start| {
         Some(modeler::spawn(start.config.world.clone(), start.config.fit.clone(), start.reports))
@@ -374,7 +374,7 @@ mod tests {
         let mut threads = threads();
         let rng = &mut ChaCha8Rng::seed_from_u64(0);
         let hash = fixtures::model().hash();
-        let reward = RewardEnsemble::new(36, &hash, RewardConfig::tiny(), rng).parameters();
+        let reward = RewardEnsemble::new((36, hash.as_str()), RewardConfig::tiny(), rng).parameters();
         threads.send(WorkerCommand::Driver(DriverCommand::Reward(reward)));
         threads.send(WorkerCommand::Driver(DriverCommand::Drive { seed: 0 }));
         let driven = |threads: &mut Threads| {

@@ -54,11 +54,12 @@ impl BuiltIn {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::env::controls::{ControlConfig, DrivingKey, HeldKeys};
-    use crate::env::{
-        Action, Aids, CarRacing, Env, Events, MAX_STEPS, ObstacleCarRacing, Obstacles, STEPS_PER_SEC, Seed,
+    use crate::world::cars::controls::{ControlConfig, DrivingKey, HeldKeys};
+    use crate::world::cars::{
+        Aids, CarAction, CarRacing, Env, Events, MAX_STEPS, ObstacleCarRacing, Obstacles, RANGES,
+        STEPS_PER_SEC, Seed,
     };
-    use crate::world::spec::{Release, Size, SourceKind};
+    use crate::world::spec::{Release, SourceKind};
 
     fn env_of(world: BuiltIn) -> Box<dyn Env> {
         let seed = Seed::Native(0);
@@ -78,20 +79,22 @@ mod tests {
             assert_eq!((spec.name.as_str(), spec.source.world.as_deref()), (world.name, Some(world.name)));
             assert_eq!(spec.source.kind, SourceKind::BuiltIn);
             assert_eq!((spec.rate, spec.longest_episode), (f64::from(STEPS_PER_SEC), MAX_STEPS));
-            let side = env_of(world).frame().side();
-            assert_eq!((spec.image.height, spec.image.width), (side, side), "{}", world.name);
-            assert_eq!(spec.image.trained(), Size { height: side, width: side });
+            assert_eq!(env_of(world).frame().size(), spec.image.trained(), "{}", world.name);
         }
     }
 
     #[test]
     fn built_in_axes_are_clipped_and_driven_as_the_code_does() {
         let axes = WorldSpec::built_in("car-racing").unwrap().axes;
-        assert_eq!(axes.len(), Action::LEN);
+        assert_eq!(axes.len(), CarAction::LEN);
         let lows: Vec<f32> = axes.iter().map(|axis| axis.low).collect();
         let highs: Vec<f32> = axes.iter().map(|axis| axis.high).collect();
-        assert_eq!(lows, Action::new(-9.0, -9.0, -9.0).to_array());
-        assert_eq!(highs, Action::new(9.0, 9.0, 9.0).to_array());
+        assert_eq!(lows, CarAction::new(-9.0, -9.0, -9.0).to_array());
+        assert_eq!(highs, CarAction::new(9.0, 9.0, 9.0).to_array());
+        assert_eq!(
+            RANGES.concat(),
+            lows.iter().zip(&highs).flat_map(|(low, high)| [*low, *high]).collect::<Vec<_>>()
+        );
         let keys = [
             (DrivingKey::Left, "Left", "A"),
             (DrivingKey::Right, "Right", "D"),

@@ -9,6 +9,8 @@ use super::{Count, EventSpec, When};
 pub struct Happened {
     /// It did, and is counted: in every step in which it goes on, or only when it begins, as its [`Count`] says.
     pub happened: bool,
+    /// It goes on at this moment, whether that is counted or not.
+    pub goes_on: bool,
     /// One more was passed, for events that are counted as a share of those.
     pub passed: bool,
 }
@@ -65,7 +67,7 @@ impl Before {
         // A counter may be silent for a step.
         *self = Self { goes_on, value: value.or(self.value), passed };
         let happened = if event.count == Count::PerStep { goes_on } else { begins };
-        Happened { happened, passed: is_passed }
+        Happened { happened, goes_on, passed: is_passed }
     }
 }
 
@@ -76,4 +78,14 @@ pub fn field_value(fields: &Map<String, Value>, name: &str) -> Option<f64> {
         Value::Number(number) => number.as_f64(),
         _ => None,
     }
+}
+
+/// The name of an event as a part of the name of a column or figure: small letters, digits and single underscores.
+///
+/// ```
+/// assert_eq!(dropj::world::event_slug("New  tile!"), "new_tile");
+/// ```
+pub fn event_slug(name: &str) -> String {
+    let parts = name.split(|c: char| !c.is_alphanumeric()).filter(|part| !part.is_empty());
+    parts.map(str::to_lowercase).collect::<Vec<_>>().join("_")
 }

@@ -2,6 +2,8 @@
 
 use std::sync::Arc;
 
+use super::Size;
+
 /// An RGB picture, `[height, width, 3]` bytes in rows from the top. Not necessarily square.
 #[derive(Clone, PartialEq, Eq)]
 pub struct Frame {
@@ -23,6 +25,19 @@ impl Frame {
             "a frame of {height} x {width} has three bytes a pixel"
         );
         Self { height, width, rgb }
+    }
+
+    /// A square frame of `side` pixels a side.
+    ///
+    /// # Panics
+    /// Where `rgb` does not hold `3 · side²` bytes.
+    pub fn square(side: u32, rgb: impl Into<Arc<[u8]>>) -> Self {
+        Self::new(side, side, rgb)
+    }
+
+    /// Rows and pixels of a row.
+    pub fn size(&self) -> Size {
+        Size { height: self.height, width: self.width }
     }
 
     /// Rows.

@@ -6,10 +6,19 @@
 //! No thread is started either. A process is waited for with `poll`, whose time-out is the caller's, so that whoever
 //! calls decides in which thread that is.
 
+use std::sync::Arc;
+
+use rand_chacha::ChaCha8Rng;
+
+mod action;
 mod builtin;
+pub mod cars;
+pub mod controls;
 mod error;
 mod events;
+mod explorer;
 mod frame;
+pub mod image;
 mod process;
 mod protocol;
 mod spec;
@@ -18,9 +27,11 @@ mod tail;
 mod tests;
 mod write;
 
+pub use action::{Action, ActionRanges, MAX_AXES, RangesError};
 pub use builtin::{BuiltIn, NAMES};
 pub use error::{SpecError, SpecFault};
-pub use events::{EventReader, Happened, field_value};
+pub use events::{EventReader, Happened, event_slug, field_value};
+pub use explorer::Explorer;
 pub use frame::Frame;
 pub use process::{Launch, Phase, Process, ProcessError, ProcessFault, ProcessWorld, Warning};
 pub use protocol::{Fields, Hello, HelloAxis, HelloEvent, HelloImage, Reply, VERSION};
@@ -35,11 +46,13 @@ pub use spec::{
 /// ```text
 /// reset(seed) → frame; then, until terminated or truncated: step(action) → frame, reward, events
 /// ```
+///
+/// The first three are its duties. What comes after them it may offer.
 pub trait World: Send {
     /// What it is.
-    fn spec(&self) -> &WorldSpec;
+    fn spec(&self) -> &Arc<WorldSpec>;
 
-    /// Starts an episode and shows its first moment.
+    /// Starts an episode and shows its first moment, as networks see it: see [`ImageSpec::trained`].
     ///
     /// # Errors
     /// Where the world fails. It may then be of no more use: see [`WorldError`].
@@ -50,6 +63,59 @@ pub trait World: Send {
     /// # Errors
     /// Where the action has not a finite number for each axis, where no episode goes on, and where the world fails.
     fn step(&mut self, action: &[f32]) -> Result<Step, WorldError>;
+
+    /// The names of what is measured beside the picture, as by a robot of itself. None where nothing is.
+    fn sensors(&self) -> Vec<String> {
+        Vec::new()
+    }
+
+    /// What [`sensors`](Self::sensors) measure at the present moment, in their order.
+    fn state(&self) -> Vec<f32> {
+        Vec::new()
+    }
+
+    /// The present moment as a person sees it, where that is not what networks see: of this size, if it can be drawn at
+    /// any, or else of its own.
+    fn picture(&self, width: u32, height: u32) -> Option<Frame> {
+        let _ = (width, height);
+        None
+    }
+
+    /// What a simulation knows of the present moment beside what is measured: for tables, and never for the method.
+    fn known(&self) -> Vec<(&'static str, f32)> {
+        Vec::new()
+    }
+
+    /// What of the present moment is worth a few words, where there is something.
+    fn status(&self) -> Option<Status> {
+        None
+    }
+
+    /// Its own way to act, where it has one: for recordings without a person.
+    fn policy(&mut self) -> Option<&mut dyn OwnPolicy> {
+        None
+    }
+}
+
+/// How a world acts where nobody else does: it explores, unsafely too.
+pub trait OwnPolicy {
+    /// Begins an episode with the moods that `rng` draws. The world was reset.
+    fn begin(&mut self, rng: &mut ChaCha8Rng);
+
+    /// What to do now. The world is not moved.
+    ///
+    /// # Errors
+    /// Where the world fails.
+    fn act(&mut self, rng: &mut ChaCha8Rng) -> Result<Action, WorldError>;
+}
+
+/// What of a moment is worth a few words.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Status {
+    /// The words: `2 of 4 wheels off the road`.
+    pub text: String,
+    /// Whether all is well.
+    pub is_fine: bool,
 }
 
 /// What a step brought.
@@ -61,17 +127,19 @@ pub struct Step {
     pub reward: Option<f32>,
     /// What happened, in the order of the events of the [`WorldSpec`].
     pub events: Vec<Happened>,
-    /// Whether the episode ended by what happened in it.
-    pub terminated: bool,
-    /// Whether it was ended from outside, as by its longest time.
-    pub truncated: bool,
+    /// What was carried out, where that is not what was asked: a filter, an aid, a hand at the robot.
+    pub executed: Option<Action>,
+    /// Why it was the last of its episode, if it was.
+    pub end: Option<End>,
 }
 
-impl Step {
-    /// Whether it was the last of its episode.
-    pub fn is_last(&self) -> bool {
-        self.terminated || self.truncated
-    }
+/// Why an episode ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum End {
+    /// By what happened in it.
+    Terminated,
+    /// From outside, as by its longest time.
+    Truncated,
 }
 
 /// Why a world did not do what it was asked.

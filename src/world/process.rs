@@ -13,19 +13,22 @@ use std::os::unix::net::UnixStream;
 use std::os::unix::process::CommandExt as _;
 use std::path::{Path, PathBuf};
 use std::process::{Child, ChildStderr, ChildStdout, Command, ExitStatus, Stdio};
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
+use rand_chacha::ChaCha8Rng;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::fs::{OFlags, fcntl_setfl};
 use rustix::process::{Pid, Signal, WaitId, WaitIdOptions, kill_process_group, waitid};
 
 use super::events::EventReader;
+use super::image::framed;
 use super::protocol::{
     Fields, Header, HeaderFault, Hello, MAX_HEADER, MAX_PIXELS, PREFIX, Reply, Request, VERSION,
 };
 use super::spec::{MAX_SIDE, Source, TimeOuts, WorldSpec};
 use super::tail::{Tail, shown_line};
-use super::{Frame, Step, World, WorldError};
+use super::{Action, End, Frame, OwnPolicy, Step, World, WorldError};
 
 /// Bytes that are read at once.
 const CHUNK: usize = 1 << 14;
@@ -77,6 +80,8 @@ pub enum Phase {
     Reset,
     /// Taking a step.
     Step,
+    /// Saying what its own policy would do.
+    Act,
 }
 
 impl std::fmt::Display for Phase {
@@ -85,6 +90,7 @@ impl std::fmt::Display for Phase {
             Self::Start => "start",
             Self::Reset => "reset",
             Self::Step => "step",
+            Self::Act => "act",
         })
     }
 }
@@ -172,12 +178,24 @@ pub enum ProcessFault {
         excerpt: String,
     },
     /// A number of it is none.
-    #[error("the world's process tells of a {key} that is not a finite number, during {during}")]
+    #[error("the world's process tells of {} {key} that is not a finite number, during {during}", article(.key))]
     NotFinite {
         /// Which.
         key: String,
         /// What it was doing.
         during: Phase,
+    },
+    /// An action of it has too many or too few numbers.
+    #[error(
+        "the world's process tells of an action of {found} numbers during {during}, and it has {wanted} axes"
+    )]
+    ActionLength {
+        /// What it was doing.
+        during: Phase,
+        /// How many it has.
+        found: usize,
+        /// How many axes there are.
+        wanted: usize,
     },
     /// A message of it is too long.
     #[error("a message of the world's process would have {what} of {found} bytes, and {most} is the most")]
@@ -299,6 +317,7 @@ impl Process {
             longest_episode: None,
             events: vec![],
             versions: std::collections::BTreeMap::new(),
+            policy: false,
         };
         let mut process = Self {
             child,
@@ -329,12 +348,11 @@ impl Process {
                 self.hello = hello;
                 Ok(())
             }
-            (Header::Frame(_), _) => Err(ProcessFault::Unexpected {
+            (other, _) => Err(ProcessFault::Unexpected {
                 during: Phase::Start,
-                found: "a frame",
+                found: other.kind(),
                 wanted: "what it says of itself, hello,",
             }),
-            (Header::Error { .. }, _) => unreachable!("errors are met before"),
         }
     }
 
@@ -369,6 +387,53 @@ impl Process {
         self.noted(frame)
     }
 
+    /// Whether it has a policy of its own.
+    pub fn has_policy(&self) -> bool {
+        self.hello.policy
+    }
+
+    /// What its own policy would do now, in the ranges of its axes; None where it has none. That moves nothing. It is
+    /// waited for as long as for a step.
+    ///
+    /// # Errors
+    /// Where the process fails in any way: see [`ProcessFault`]. It is then gone.
+    pub fn act(&mut self) -> Result<Option<Vec<f32>>, ProcessError> {
+        if !self.has_policy() {
+            return Ok(None);
+        }
+        let n = self.next();
+        let action = self.advice(n);
+        self.noted(action).map(Some)
+    }
+
+    fn advice(&mut self, n: u64) -> Result<Vec<f32>, ProcessFault> {
+        let during = Phase::Act;
+        match self.ask(n, &Request::Act { n }, during, self.time_outs.step)? {
+            (Header::Action(advice), _) => {
+                self.check_action(&advice.action, during)?;
+                let axes = &self.hello.axes;
+                Ok(axes
+                    .iter()
+                    .zip(advice.action)
+                    .map(|(axis, x)| x.clamp(axis.low, axis.high) as f32)
+                    .collect())
+            }
+            (other, _) => Err(ProcessFault::Unexpected { during, found: other.kind(), wanted: "an action" }),
+        }
+    }
+
+    /// Fails where an action has not a finite number for each axis.
+    fn check_action(&self, action: &[f64], during: Phase) -> Result<(), ProcessFault> {
+        let (found, wanted) = (action.len(), self.hello.axes.len());
+        if found != wanted {
+            return Err(ProcessFault::ActionLength { during, found, wanted });
+        }
+        if action.iter().any(|&value| !(value as f32).is_finite()) {
+            return Err(ProcessFault::NotFinite { key: "action".to_owned(), during });
+        }
+        Ok(())
+    }
+
     /// The number of the next request.
     fn next(&mut self) -> u64 {
         self.n_asked += 1;
@@ -393,24 +458,38 @@ impl Process {
         during: Phase,
         seconds: f64,
     ) -> Result<(Frame, Reply), ProcessFault> {
-        if !self.is_alive {
-            return Err(ProcessFault::Gone);
-        }
-        self.require_quiet(during)?;
-        match self.exchange(Some(request), during, seconds)? {
-            // A second answer to what was asked before may come as late as this.
-            (Header::Frame(reply), _) if reply.n != n => Err(ProcessFault::Unasked { during }),
+        match self.ask(n, request, during, seconds)? {
             (Header::Frame(reply), pixels) => {
                 if !reply.reward.is_none_or(|reward| (reward as f32).is_finite()) {
                     return Err(ProcessFault::NotFinite { key: "reward".to_owned(), during });
                 }
+                if let Some(action) = &reply.action {
+                    self.check_action(action, during)?;
+                }
                 Ok((Frame::new(reply.height, reply.width, pixels), reply))
             }
-            (Header::Hello(_), _) => {
-                Err(ProcessFault::Unexpected { during, found: "another hello", wanted: "a frame" })
-            }
-            (Header::Error { .. }, _) => unreachable!("errors are met before"),
+            (other, _) => Err(ProcessFault::Unexpected { during, found: other.kind(), wanted: "a frame" }),
         }
+    }
+
+    /// Sends a request and waits for its answer.
+    fn ask(
+        &mut self,
+        n: u64,
+        request: &Request,
+        during: Phase,
+        seconds: f64,
+    ) -> Result<(Header, Vec<u8>), ProcessFault> {
+        if !self.is_alive {
+            return Err(ProcessFault::Gone);
+        }
+        self.require_quiet(during)?;
+        let answer = self.exchange(Some(request), during, seconds)?;
+        // A second answer to what was asked before may come as late as this.
+        if answer.0.n().is_some_and(|answered| answered != n) {
+            return Err(ProcessFault::Unasked { during });
+        }
+        Ok(answer)
     }
 
     /// Fails where the process has written something that it was not asked for: an error, or a second answer.
@@ -565,7 +644,7 @@ impl Process {
                 }
                 said.n_bytes()
             }
-            Header::Hello(_) => 0,
+            Header::Hello(_) | Header::Action(_) => 0,
             Header::Error { message, traceback } => {
                 let traceback = traceback.lines().map(|line| shown_line(line.as_bytes())).collect();
                 let message = crate::text::shown_within(message.trim(), 500);
@@ -704,6 +783,11 @@ fn is_transient(met: &io::Error) -> bool {
     matches!(met.kind(), ErrorKind::WouldBlock | ErrorKind::Interrupted)
 }
 
+/// The article before a key.
+fn article(key: &str) -> &'static str {
+    if key.starts_with(['a', 'e', 'i', 'o']) { "an" } else { "a" }
+}
+
 /// The beginning of some bytes, safe to show and in quotes.
 fn shown_bytes(bytes: &[u8]) -> String {
     let text = String::from_utf8_lossy(&bytes[..bytes.len().min(EXCERPT)]);
@@ -752,12 +836,16 @@ pub enum Warning {
 /// A world in a process, as its file describes it.
 #[derive(Debug)]
 pub struct ProcessWorld {
-    spec: WorldSpec,
+    spec: Arc<WorldSpec>,
     process: Process,
     fields: Fields,
     events: EventReader,
     /// Steps of the episode that goes on; none where none does.
     n_steps: Option<usize>,
+    /// What was executed in the last step, where the process says that it was something else than was asked.
+    executed: Option<Vec<f32>>,
+    /// The present picture, where networks see another one.
+    shown: Option<Frame>,
     warnings: Vec<Warning>,
     has_warned: bool,
 }
@@ -774,12 +862,57 @@ impl ProcessWorld {
         let names = spec.fields();
         let fields = if names.is_empty() { Fields::Nothing } else { Fields::Named(names) };
         let events = EventReader::new(&spec.events);
-        Ok(Self { spec, process, fields, events, n_steps: None, warnings: vec![], has_warned: false })
+        Ok(Self {
+            spec: Arc::new(spec),
+            process,
+            fields,
+            events,
+            n_steps: None,
+            executed: None,
+            shown: None,
+            warnings: vec![],
+            has_warned: false,
+        })
     }
 
     /// The process.
     pub fn process(&self) -> &Process {
         &self.process
+    }
+
+    /// Whether the process has a policy of its own.
+    pub fn has_policy(&self) -> bool {
+        self.process.has_policy()
+    }
+
+    /// What the process's own policy would do now, in the ranges of the file's axes; None where it has none. That moves
+    /// nothing.
+    ///
+    /// # Errors
+    /// Where no episode goes on, and where the process fails.
+    pub fn act(&mut self) -> Result<Option<Vec<f32>>, WorldError> {
+        if self.has_policy() && self.n_steps.is_none() {
+            return Err(WorldError::NoEpisode);
+        }
+        let action = self.process.act()?;
+        Ok(action.map(|action| self.clamped(action)))
+    }
+
+    /// What was executed in the last step, in the ranges of the file's axes, where the process says that it was not what
+    /// was asked.
+    pub fn executed(&self) -> Option<&[f32]> {
+        self.executed.as_deref()
+    }
+
+    /// What networks see of a picture, which is kept for people where that is something else.
+    fn seen(&mut self, frame: Frame) -> Frame {
+        let seen = framed(&self.spec.image, &frame);
+        self.shown = (seen.size() != frame.size()).then_some(frame);
+        seen
+    }
+
+    fn clamped(&self, action: impl IntoIterator<Item = f32>) -> Vec<f32> {
+        self.spec.axes.iter().zip(action).map(|(axis, value)| axis.clamped(value)).collect()
     }
 
     /// What was met since the last time that is no error, but hardly meant. Each is told once.
@@ -792,7 +925,7 @@ impl ProcessWorld {
     /// # Errors
     /// Where the process fails.
     pub fn reset_told(&mut self, seed: u64) -> Result<(Frame, Reply), WorldError> {
-        self.n_steps = None;
+        (self.n_steps, self.executed) = (None, None);
         let (frame, reply) = self.process.reset(seed, &self.fields)?;
         self.events.begin(&reply.fields);
         self.n_steps = Some(0);
@@ -805,25 +938,25 @@ impl ProcessWorld {
     /// # Errors
     /// As those of [`World::step`].
     pub fn step_told(&mut self, action: &[f32]) -> Result<(Step, Reply), WorldError> {
-        let axes = &self.spec.axes;
-        if action.len() != axes.len() {
-            return Err(WorldError::ActionLength { found: action.len(), wanted: axes.len() });
-        }
-        if let Some((axis, found)) = axes.iter().zip(action).find(|(_, value)| !value.is_finite()) {
-            return Err(WorldError::ActionValue { axis: axis.name.clone(), found: *found });
-        }
+        let action = self.spec.checked(action)?;
         let n_steps = self.n_steps.take().ok_or(WorldError::NoEpisode)? + 1;
-        let action: Vec<f32> = axes.iter().zip(action).map(|(axis, value)| axis.clamped(*value)).collect();
         let (frame, reply) = self.process.step(&action)?;
+        let executed = reply.action.as_ref();
+        let executed = executed.map(|values| self.clamped(values.iter().map(|&value| value as f32)));
+        self.executed.clone_from(&executed);
         self.look_at(&frame);
         let step = Step {
             frame,
             reward: reply.reward.map(|reward| reward as f32),
             events: self.events.read(&reply.fields),
-            terminated: reply.terminated,
-            truncated: reply.truncated || n_steps >= self.spec.longest_episode,
+            executed: executed.map(Action::new),
+            end: match reply.terminated {
+                true => Some(End::Terminated),
+                false if reply.truncated || n_steps >= self.spec.longest_episode => Some(End::Truncated),
+                false => None,
+            },
         };
-        self.n_steps = (!step.is_last()).then_some(n_steps);
+        self.n_steps = step.end.is_none().then_some(n_steps);
         Ok((step, reply))
     }
 
@@ -838,16 +971,36 @@ impl ProcessWorld {
 }
 
 impl World for ProcessWorld {
-    fn spec(&self) -> &WorldSpec {
+    fn spec(&self) -> &Arc<WorldSpec> {
         &self.spec
     }
 
     fn reset(&mut self, seed: u64) -> Result<Frame, WorldError> {
-        Ok(self.reset_told(seed)?.0)
+        let (frame, _) = self.reset_told(seed)?;
+        Ok(self.seen(frame))
     }
 
     fn step(&mut self, action: &[f32]) -> Result<Step, WorldError> {
-        Ok(self.step_told(action)?.0)
+        let (step, _) = self.step_told(action)?;
+        Ok(Step { frame: self.seen(step.frame), ..step })
+    }
+
+    fn picture(&self, _: u32, _: u32) -> Option<Frame> {
+        self.shown.clone()
+    }
+
+    fn policy(&mut self) -> Option<&mut dyn OwnPolicy> {
+        self.has_policy().then_some(self as &mut dyn OwnPolicy)
+    }
+}
+
+impl OwnPolicy for ProcessWorld {
+    /// The process draws its moods by the episode's seed.
+    fn begin(&mut self, _: &mut ChaCha8Rng) {}
+
+    fn act(&mut self, _: &mut ChaCha8Rng) -> Result<Action, WorldError> {
+        let action = Self::act(self)?;
+        Ok(Action::new(action.unwrap_or_else(|| self.spec.neutral())))
     }
 }
 

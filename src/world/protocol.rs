@@ -42,6 +42,11 @@ pub(super) enum Request<'a> {
         /// A number for each axis.
         action: &'a [f32],
     },
+    /// To say what its own policy would do now. That moves nothing.
+    Act {
+        /// Which request of this process it is, counted from 1.
+        n: u64,
+    },
     /// To end.
     Close,
 }
@@ -108,6 +113,9 @@ pub struct Hello {
     /// The versions of what it is made of.
     #[serde(default)]
     pub versions: BTreeMap<String, String>,
+    /// Whether it has a policy of its own, which says what it would do.
+    #[serde(default)]
+    pub policy: bool,
 }
 
 /// The size of a process's pictures.
@@ -172,6 +180,19 @@ pub struct Reply {
     /// The fields that were asked for, as far as there are such.
     #[serde(default)]
     pub fields: Map<String, Value>,
+    /// What was executed, where that is not what was asked: by a safety filter, or by a human at the robot. A finite
+    /// number for each axis.
+    #[serde(default)]
+    pub action: Option<Vec<f64>>,
+}
+
+/// What a process's own policy would do.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+pub(super) struct Advice {
+    /// Which request it answers.
+    pub(super) n: u64,
+    /// A number for each axis.
+    pub(super) action: Vec<f64>,
 }
 
 /// The header of a message from a process.
@@ -179,6 +200,7 @@ pub struct Reply {
 pub(super) enum Header {
     Hello(Hello),
     Frame(Reply),
+    Action(Advice),
     Error { message: String, traceback: String },
 }
 
@@ -194,6 +216,25 @@ pub(super) enum HeaderFault {
 }
 
 impl Header {
+    /// Which request it answers, where it is an answer.
+    pub(super) fn n(&self) -> Option<u64> {
+        match self {
+            Self::Frame(reply) => Some(reply.n),
+            Self::Action(advice) => Some(advice.n),
+            Self::Hello(_) | Self::Error { .. } => None,
+        }
+    }
+
+    /// Its kind, in words.
+    pub(super) fn kind(&self) -> &'static str {
+        match self {
+            Self::Hello(_) => "another hello",
+            Self::Frame(_) => "a frame",
+            Self::Action(_) => "an action",
+            Self::Error { .. } => "an error",
+        }
+    }
+
     /// What a header says.
     pub(super) fn parsed(bytes: &[u8]) -> Result<Self, HeaderFault> {
         let meaning = |met: serde_json::Error| HeaderFault::Meaning(met.to_string());
@@ -209,10 +250,11 @@ impl Header {
                 serde_json::from_value(value).map(Self::Hello).map_err(meaning)
             }
             "frame" => serde_json::from_value(value).map(Self::Frame).map_err(meaning),
+            "action" => serde_json::from_value(value).map(Self::Action).map_err(meaning),
             "error" => Ok(Self::Error { message: text("message"), traceback: text("traceback") }),
             "" => Err(HeaderFault::Meaning("it has no type".to_owned())),
             other => Err(HeaderFault::Meaning(format!(
-                "its type is {:?}, and there are hello, frame and error",
+                "its type is {:?}, and there are hello, frame, action and error",
                 crate::text::shown(other)
             ))),
         }

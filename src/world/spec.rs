@@ -10,6 +10,8 @@ use std::time::Duration;
 
 use serde::Deserialize;
 
+use super::WorldError;
+use super::action::{Action, MAX_AXES};
 use super::builtin::{self, BuiltIn};
 use super::error::{SpecError, SpecFault};
 use crate::text::shown_within;
@@ -23,6 +25,10 @@ const MAX_NAME: usize = 64;
 const MAX_TITLE: usize = 100;
 /// Letters of a command's part, or of an environment variable's value.
 const MAX_ARGUMENT: usize = 4096;
+/// Letters of the name of a camera or a column.
+const MAX_COLUMN: usize = 256;
+/// Cameras side by side.
+const MAX_CAMERAS: usize = 16;
 /// Axes, events, justifications, keys: more is a mistake.
 const MAX_LISTED: usize = 64;
 /// Justifications: their number is one byte, and the default is one of them.
@@ -128,6 +134,13 @@ pub struct Source {
     /// A process: how long it is waited for.
     #[serde(default)]
     pub time_outs: TimeOuts,
+    /// In datasets of others: the cameras that show what the world shows, side by side from left to right. None: the
+    /// first one.
+    #[serde(default)]
+    pub cameras: Vec<String>,
+    /// In datasets of others: the column that has the numbers of an action. None: `action`.
+    #[serde(default)]
+    pub action: Option<String>,
 }
 
 /// Of which kind a world's source is.
@@ -207,6 +220,12 @@ pub struct ImageSpec {
     /// The size that networks are trained at. None: what is left after cutting and padding.
     #[serde(default)]
     pub train: Option<Size>,
+}
+
+impl Display for Size {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "{} x {}", self.height, self.width)
+    }
 }
 
 impl ImageSpec {
@@ -399,6 +418,7 @@ pub struct EventSpec {
     #[serde(default)]
     pub count: Count,
     /// The field of what the world tells of a step that says it: `crashed`, or `rewards.on_road` for one within another.
+    /// In datasets of others it is a column: `next.success`, or `observation.state.2` for one number of several.
     pub field: String,
     /// When that field says that it happens.
     #[serde(default)]
@@ -507,6 +527,8 @@ pub struct PlannerSpec {
     pub temperature: f64,
     /// After how many steps everything is forgotten, if ever.
     pub memory_reset: Option<usize>,
+    /// What the searches for trajectories worth asking about begin with, a number for each axis; none: each axis by itself.
+    pub beginnings: Vec<Vec<f32>>,
     /// The courses of action that it chooses among.
     pub candidates: Candidates,
 }
@@ -519,6 +541,7 @@ impl Default for PlannerSpec {
             replan: 4,
             temperature: 0.1,
             memory_reset: None,
+            beginnings: Vec::new(),
             candidates: Candidates::default(),
         }
     }
@@ -606,6 +629,8 @@ pub struct FittingOverrides {
     pub batch: Option<usize>,
     /// Share of the episodes that is never trained on, in `[0, 0.9]`.
     pub held_out: Option<f64>,
+    /// How much pixels of rare colors count more for vision: 0 not at all, 1 as usual.
+    pub emphasis: Option<f64>,
 }
 
 impl FittingOverrides {
@@ -619,7 +644,24 @@ impl FittingOverrides {
     }
 }
 
+impl Default for WorldSpec {
+    /// The first of the built-in worlds.
+    fn default() -> Self {
+        BuiltIn::all().next().map_or_else(|| unreachable!("there are some"), BuiltIn::spec)
+    }
+}
+
 impl WorldSpec {
+    /// The built-in world of this name; of another name, as if it was the first of them. For files that tell no more.
+    pub fn of_name(name: &str) -> Self {
+        Self::built_in(name).unwrap_or_else(|| Self { name: name.to_owned(), ..Self::default() })
+    }
+
+    /// The events of this kind, in order.
+    pub fn events_of(&self, kind: EventKind) -> impl Iterator<Item = &EventSpec> {
+        self.events.iter().filter(move |event| event.kind == kind)
+    }
+
     /// What the file at `path`, which holds `text`, says; the path is for errors alone.
     ///
     /// # Errors
@@ -633,6 +675,20 @@ impl WorldSpec {
     /// The built-in world of this name, if there is one.
     pub fn built_in(name: &str) -> Option<Self> {
         Some(BuiltIn::named(name)?.spec())
+    }
+
+    /// `action` with every number moved into its axis's range.
+    ///
+    /// # Errors
+    /// Where it has not a finite number for each axis.
+    pub fn checked(&self, action: &[f32]) -> Result<Action, WorldError> {
+        if action.len() != self.axes.len() {
+            return Err(WorldError::ActionLength { found: action.len(), wanted: self.axes.len() });
+        }
+        if let Some((axis, found)) = self.axes.iter().zip(action).find(|(_, value)| !value.is_finite()) {
+            return Err(WorldError::ActionValue { axis: axis.name.clone(), found: *found });
+        }
+        Ok(Action::new(action).map(|i, value| self.axes[i].clamped(value)))
     }
 
     /// The neutral action.
@@ -655,7 +711,7 @@ impl WorldSpec {
         within("longest_episode", self.longest_episode, 1..=MAX_STEPS)?;
         self.source.check()?;
         self.image.check()?;
-        within("the number of axes", self.axes.len(), 1..=MAX_LISTED)?;
+        within("the number of axes", self.axes.len(), 1..=MAX_AXES)?;
         unique("axes", self.axes.iter().map(|axis| axis.name.as_str()))?;
         for (i, axis) in self.axes.iter().enumerate() {
             axis.check(i)?;
@@ -676,7 +732,8 @@ impl WorldSpec {
             within(format!("fitting.{name}"), value.unwrap_or(1), 1..=most)?;
         }
         within("fitting.window", self.fitting.window.unwrap_or(2), 2..=1_000_000)?;
-        within("fitting.held_out", self.fitting.held_out.unwrap_or_default(), 0.0..=0.9)
+        within("fitting.held_out", self.fitting.held_out.unwrap_or_default(), 0.0..=0.9)?;
+        within("fitting.emphasis", self.fitting.emphasis.unwrap_or_default(), 0.0..=1000.0)
     }
 
     fn check_justifications(&self) -> Result<(), SpecFault> {
@@ -749,7 +806,22 @@ impl Source {
             SourceKind::Process => self.check_process()?,
             SourceKind::Recordings => {}
         }
-        Ok(())
+        self.check_columns()
+    }
+
+    /// What datasets of others are read by.
+    fn check_columns(&self) -> Result<(), SpecFault> {
+        let cameras = self.cameras.iter().map(|name| ("source.cameras", name));
+        let action = self.action.iter().map(|name| ("source.action", name));
+        for (key, name) in cameras.chain(action) {
+            if self.kind == SourceKind::BuiltIn {
+                let why = "it belongs to recordings of others, and this world's are dropj's own";
+                return Err(SpecFault::misplaced(key, why));
+            }
+            check_line(key, name, MAX_COLUMN)?;
+        }
+        within("the number of source.cameras", self.cameras.len(), 0..=MAX_CAMERAS)?;
+        unique("source.cameras", self.cameras.iter().map(String::as_str))
     }
 
     fn check_built_in(&self) -> Result<(), SpecFault> {
@@ -895,6 +967,8 @@ impl PlannerSpec {
         within("planner.replan", self.replan, 1..=self.horizon)?;
         within("planner.temperature", self.temperature, 1e-6..=1e3)?;
         within("planner.memory_reset", self.memory_reset.unwrap_or(1), 1..=MAX_STEPS)?;
+        within("the number of planner.beginnings", self.beginnings.len(), 0..=MAX_LISTED)?;
+        self.beginnings.iter().try_for_each(|action| check_action("planner.beginnings", action, axes))?;
         self.candidates.check(axes)
     }
 }
@@ -924,13 +998,7 @@ impl Candidates {
         within("the number of planner.candidates", n, 1..=MAX_CANDIDATES)?;
         let constant = self.constant.iter().map(|action| ("constant", action));
         for (name, action) in constant.chain(self.stages.iter().map(|stage| ("stages", &stage.action))) {
-            if action.len() != axes.len() {
-                let wanted = format!("of {} numbers, one for each axis", axes.len());
-                return Err(SpecFault::value(key(name), format!("an action of {}", action.len()), wanted));
-            }
-            for (axis, value) in axes.iter().zip(action) {
-                axis.check_value(format!("{} for \"{}\"", key(name), axis.name), *value)?;
-            }
+            check_action(&key(name), action, axes)?;
         }
         for stage in &self.stages {
             within(key("stages.follows"), stage.follows, 0.0..=1.0)?;
@@ -941,6 +1009,16 @@ impl Candidates {
         }
         Ok(())
     }
+}
+
+/// Fails where an action has not a number in its range for each axis.
+fn check_action(key: &str, action: &[f32], axes: &[Axis]) -> Result<(), SpecFault> {
+    if action.len() != axes.len() {
+        let wanted = format!("of {} numbers, one for each axis", axes.len());
+        return Err(SpecFault::value(key, format!("an action of {}", action.len()), wanted));
+    }
+    let mut each = axes.iter().zip(action);
+    each.try_for_each(|(axis, value)| axis.check_value(format!("{key} for \"{}\"", axis.name), *value))
 }
 
 /// Fails where `found` does not lie in `range`. What is not a number lies in none.

@@ -81,6 +81,17 @@ fn source(source: &Source) -> String {
             "time_outs = {{ start = {start:?}, reset = {reset:?}, step = {step:?}, close = {close:?} }}  # seconds"
         );
     }
+    if !source.cameras.is_empty() {
+        let names: Vec<_> = source.cameras.iter().map(|name| quoted(name)).collect();
+        let _ = writeln!(
+            text,
+            "cameras = [{}]  # of a dataset, side by side from left to right",
+            names.join(", ")
+        );
+    }
+    if let Some(action) = &source.action {
+        let _ = writeln!(text, "action = {}  # the column of a dataset", quoted(action));
+    }
     text
 }
 
@@ -174,7 +185,19 @@ fn planner(spec: &WorldSpec) -> String {
             writeln!(text, "# memory_reset = 50  # steps until everything is forgotten; without it never")
         }
     };
+    if !planner.beginnings.is_empty() {
+        text.push_str("beginnings = [  # of searches for trajectories worth asking about\n");
+        for action in &planner.beginnings {
+            let _ = writeln!(text, "    {},", numbers(action));
+        }
+        text.push_str("]\n");
+    }
     text + "\n" + &candidates(&planner.candidates)
+}
+
+/// An action as TOML writes it.
+fn numbers(action: &[f32]) -> String {
+    format!("[{}]", action.iter().map(|value| format!("{value:?}")).collect::<Vec<_>>().join(", "))
 }
 
 fn candidates(candidates: &Candidates) -> String {
@@ -188,9 +211,6 @@ fn candidates(candidates: &Candidates) -> String {
         }
         return text;
     }
-    let numbers = |action: &[f32]| {
-        format!("[{}]", action.iter().map(|value| format!("{value:?}")).collect::<Vec<_>>().join(", "))
-    };
     text.push_str("constant = [  # actions that are kept to throughout\n");
     for action in &candidates.constant {
         let _ = writeln!(text, "    {},", numbers(action));
@@ -219,6 +239,9 @@ fn overrides(spec: &WorldSpec) -> String {
     }
     if let Some(share) = spec.fitting.held_out {
         let _ = writeln!(text, "held_out = {share:?}");
+    }
+    if let Some(strength) = spec.fitting.emphasis {
+        let _ = writeln!(text, "emphasis = {strength:?}  # of rare colors; 0 is none, 1 as usual");
     }
     text
 }

@@ -93,12 +93,15 @@ mod tests {
     #[test]
     fn the_fused_rollout_is_remembering_and_the_mean_of_the_mixture() {
         // The second's weights are many, and taken in the arithmetic that is quick here.
-        for (config, within) in [(MdnRnnConfig::tiny(), 1e-5), (MdnRnnConfig::obstacle_car_racing(), 0.02)] {
+        let of_five = MdnRnnConfig { actions: 5, ..MdnRnnConfig::tiny() };
+        for (config, within) in
+            [(MdnRnnConfig::tiny(), 1e-5), (of_five, 1e-5), (MdnRnnConfig::obstacle_car_racing(), 0.02)]
+        {
             let rng = &mut ChaCha8Rng::seed_from_u64(0);
             let store = nn::VarStore::new(Device::Cpu);
-            let (latent, m) = (config.latent, config.memory);
+            let (latent, m, n_axes) = (config.latent, config.memory, config.actions);
             let mdn_rnn = MdnRnn::new(&store.root(), config, rng);
-            let (z, actions) = (normal(rng, &[5, latent]), normal(rng, &[5, 3]));
+            let (z, actions) = (normal(rng, &[5, latent]), normal(rng, &[5, n_axes]));
             let memory = Memory { c: normal(rng, &[5, m]), h: normal(rng, &[5, m]) };
             let (mean, quick) = FusedRollout::of(&mdn_rnn).imagine(&z, &actions, &memory, 0.1);
             let memory = mdn_rnn.remember(&z, &actions, &memory);

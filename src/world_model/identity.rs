@@ -92,8 +92,8 @@ mod tests {
     /// A model with layers that lie as matrices in memory.
     fn large() -> WorldModel {
         let layer = |channels| Layer { channels, kernel: 4, stride: 1, padding: 0 };
-        let vae =
-            VaeConfig { side: 4, encoder: vec![layer(290)], decoder: vec![layer(3)], ..VaeConfig::tiny() };
+        let (encoder, decoder) = (vec![layer(290)], vec![layer(3)]);
+        let vae = VaeConfig { height: 4, width: 4, encoder, decoder, ..VaeConfig::tiny() };
         let config = WorldModelConfig { vae, ..WorldModelConfig::tiny() };
         untrained(&config, &mut ChaCha8Rng::seed_from_u64(0))
     }

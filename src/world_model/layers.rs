@@ -30,28 +30,46 @@ impl Layer {
         within(&format!("the padding of {what}"), self.padding, 0..=self.kernel - 1)
     }
 
-    /// Pixels a side that the convolution called `what` makes of `side`, where that is a picture of a sane size.
-    pub(crate) fn convolved(self, what: &str, side: i64) -> Result<i64, OutOfRange> {
+    /// Pixels a side that the convolution makes of `side`.
+    pub(super) fn shrunk(self, side: i64) -> i64 {
+        (side + 2 * self.padding - self.kernel) / self.stride + 1
+    }
+
+    /// Pixels a side that the transposed convolution makes of `side`.
+    pub(super) fn grown(self, side: i64) -> i64 {
+        (side - 1).saturating_mul(self.stride).saturating_add(self.kernel - 2 * self.padding)
+    }
+
+    /// Height and width that the convolution called `what` makes of these, where that is a picture of a sane size.
+    pub(crate) fn convolved_sides(self, what: &str, sides: [i64; 2]) -> Result<[i64; 2], OutOfRange> {
         self.check(what)?;
         let wanted = |side| format!("no larger than the {side} pixels a side that it is given");
-        let padded = side + 2 * self.padding;
-        if padded < self.kernel {
+        let padded = sides.map(|side| side + 2 * self.padding);
+        if let Some(&padded) = padded.iter().find(|padded| **padded < self.kernel) {
             return Err(OutOfRange::new(format!("the kernel of {what}"), self.kernel, wanted(padded)));
         }
-        self.bounded(what, (padded - self.kernel) / self.stride + 1)
+        self.bounded(what, sides.map(|side| self.shrunk(side)))
     }
 
-    /// The same of a transposed convolution.
-    pub(crate) fn deconvolved(self, what: &str, side: i64) -> Result<i64, OutOfRange> {
+    /// The same of a transposed convolution that paints `more` rows and columns.
+    pub(super) fn deconvolved(
+        self,
+        what: &str,
+        sides: [i64; 2],
+        more: [i64; 2],
+    ) -> Result<[i64; 2], OutOfRange> {
         self.check(what)?;
-        self.bounded(what, (side - 1) * self.stride + self.kernel - 2 * self.padding)
+        let [height, width] = sides.map(|side| self.grown(side));
+        self.bounded(what, [height + more[0], width + more[1]])
     }
 
-    fn bounded(self, what: &str, side: i64) -> Result<i64, OutOfRange> {
-        within(&format!("the side of what {what} makes"), side, 1..=MAX_ACTIVATIONS)?;
-        let n = product(&[side, side, self.channels]).unwrap_or(i64::MAX);
+    fn bounded(self, what: &str, sides: [i64; 2]) -> Result<[i64; 2], OutOfRange> {
+        for side in sides {
+            within(&format!("the side of what {what} makes"), side, 1..=MAX_ACTIVATIONS)?;
+        }
+        let n = product(&[sides[0], sides[1], self.channels]).unwrap_or(i64::MAX);
         within(&format!("how many numbers {what} makes"), n, 1..=MAX_ACTIVATIONS)?;
-        Ok(side)
+        Ok(sides)
     }
 }
 
@@ -167,6 +185,8 @@ impl Conv {
 #[derive(Debug)]
 pub(super) struct Deconv {
     layer: Layer,
+    /// Rows and columns that it paints of what its padding cuts off below and at the right.
+    more: [i64; 2],
     is_matrix: bool,
     weight: Tensor,
     bias: Tensor,
@@ -184,7 +204,12 @@ impl Deconv {
         [weight, bias]
     }
 
-    pub(super) fn new(path: &nn::Path<'_>, inputs: i64, layer: Layer, rng: &mut impl Rng) -> Self {
+    pub(super) fn new(
+        path: &nn::Path<'_>,
+        inputs: i64,
+        (layer, more): (Layer, [i64; 2]),
+        rng: &mut impl Rng,
+    ) -> Self {
         let (k, out) = (layer.kernel, layer.channels);
         // PyTorch reads the fan-in of a transposed convolution off the wrong axis: the outputs.
         let bound = 1.0 / ((out * k * k) as f64).sqrt();
@@ -192,13 +217,13 @@ impl Deconv {
         let [slot, _] = Self::slots("", inputs, layer);
         let weight = path.var_copy("weight", &uniform(rng, slot.shape_in_memory(), bound));
         let bias = path.var_copy("bias", &uniform(rng, &[out], bound));
-        Self { layer, is_matrix, weight, bias }
+        Self { layer, more, is_matrix, weight, bias }
     }
 
     pub(super) fn for_inference(&self, kind: Kind) -> Self {
         let weight = self.weight.detach().to_kind(kind).copy();
         let bias = self.bias.detach().to_kind(kind).copy();
-        Self { layer: self.layer, is_matrix: self.is_matrix, weight, bias }
+        Self { layer: self.layer, more: self.more, is_matrix: self.is_matrix, weight, bias }
     }
 
     pub(super) fn forward(&self, x: &Tensor, kind: Kind) -> Tensor {
@@ -208,7 +233,7 @@ impl Deconv {
             let weight =
                 if self.is_matrix { weight.view([-1, k, k, channels]).permute([0, 3, 1, 2]) } else { weight };
             let x = channels_first(x);
-            let y = x.conv_transpose2d(&weight, Some(&bias), [stride; 2], [padding; 2], [0; 2], 1, [1; 2]);
+            let y = x.conv_transpose2d(&weight, Some(&bias), [stride; 2], [padding; 2], self.more, 1, [1; 2]);
             return channels_last(&y);
         }
         // Every input pixel stamps a k × k patch. Overlapping stamps add up, row by row and then column by column.
@@ -221,8 +246,11 @@ impl Deconv {
         let rows = rows.view([b, q, p, k, channels]).permute([0, 2, 1, 3, 4]);
         let y = overlap(&rows.reshape([b * p, q, n, stride * channels])); // [B P', q + n − 1, s C]
         let y = y.view([b, p, (q - 1) * stride + k, channels]);
-        let inside = |y: &Tensor, axis| y.narrow(axis, padding, y.size()[axis as usize] - 2 * padding);
-        inside(&inside(&y, 1), 2) + bias
+        let inside = |y: &Tensor, axis, more| {
+            let all = y.size()[axis as usize];
+            y.narrow(axis, padding, all - 2 * padding + more)
+        };
+        inside(&inside(&y, 1, self.more[0]), 2, self.more[1]) + bias
     }
 }
 
@@ -266,13 +294,19 @@ mod tests {
 
     #[test]
     fn a_convolution_as_a_matrix_is_the_same_convolution() {
-        for (inputs, channels, stride, padding) in [(96, 200, 1, 0), (96, 200, 2, 0), (300, 400, 2, 1)] {
+        for (inputs, channels, stride, padding, more) in [
+            (96, 200, 1, 0, [0, 0]),
+            (96, 200, 2, 0, [0, 0]),
+            (300, 400, 2, 1, [0, 0]),
+            (300, 400, 2, 1, [1, 0]),
+            (300, 400, 2, 1, [1, 1]),
+        ] {
             let layer = Layer { channels, kernel: 4, stride, padding };
             let store = nn::VarStore::new(Device::Cpu);
             let conv = Conv::new(&(store.root() / "c"), inputs, layer, &mut rng());
-            let deconv = Deconv::new(&(store.root() / "d"), inputs, layer, &mut rng());
+            let deconv = Deconv::new(&(store.root() / "d"), inputs, (layer, more), &mut rng());
             assert!(conv.is_matrix && deconv.is_matrix, "the layer is large enough");
-            let x = normal(&mut rng(), &[2, 6, 8, inputs]);
+            let x = normal(&mut rng(), &[2, 6 + more[0], 8 + more[1], inputs]);
             let (stride, padding) = ([stride; 2], [padding; 2]);
             let apart = |a: &Tensor, b: &Tensor| (a - b).abs().max().double_value(&[]);
 
@@ -285,7 +319,7 @@ mod tests {
             let weight = Deconv::slots("d", inputs, layer)[0].from_memory(&deconv.weight);
             assert_eq!(weight.size(), [inputs, channels, 4, 4]);
             let (x_first, bias) = (channels_first(&x), Some(&deconv.bias));
-            let plain = x_first.conv_transpose2d(&weight, bias, stride, padding, [0; 2], 1, [1; 2]);
+            let plain = x_first.conv_transpose2d(&weight, bias, stride, padding, more, 1, [1; 2]);
             assert!(apart(&deconv.forward(&x, Kind::Float), &channels_last(&plain)) < 1e-4, "{layer:?}");
         }
     }

@@ -4,9 +4,9 @@ use rand::{Rng, RngExt as _};
 use serde::{Deserialize, Serialize};
 use tch::{Cuda, Kind, Tensor, nn};
 
-use crate::env::Action;
 use crate::tensor::limits::{MAX_COMPONENTS, MAX_LATENTS, MAX_MEMORY, OutOfRange, within};
 use crate::tensor::{Slot, dims, from_slice, normal, uniform};
+use crate::world::MAX_AXES;
 
 /// The shape of an [`MdnRnn`].
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -18,17 +18,29 @@ pub struct MdnRnnConfig {
     pub memory: i64,
     /// K: Gaussians in the mixture of each latent.
     pub components: i64,
+    /// A: numbers of an action. Files say it where it is not 3, as it was everywhere before there were other worlds.
+    #[serde(default = "three", skip_serializing_if = "is_three")]
+    pub actions: i64,
+}
+
+fn three() -> i64 {
+    3
+}
+
+#[expect(clippy::trivially_copy_pass_by_ref, reason = "serde hands over a reference")]
+fn is_three(actions: &i64) -> bool {
+    *actions == 3
 }
 
 impl MdnRnnConfig {
     /// The paper's network for Car Racing (Table 4): 32 latents, 256 cells, 5 Gaussians, 423 392 parameters.
     pub fn car_racing() -> Self {
-        Self { latent: 32, memory: 256, components: 5 }
+        Self { latent: 32, memory: 256, components: 5, actions: 3 }
     }
 
     /// The paper's network for Obstacle Car Racing (Table 4): 64 latents, 1024 cells, 7 Gaussians, 5 854 528 parameters.
     pub fn obstacle_car_racing() -> Self {
-        Self { latent: 64, memory: 1024, components: 7 }
+        Self { latent: 64, memory: 1024, components: 7, actions: 3 }
     }
 
     /// That for Car Racing with as many latents as obstacles need.
@@ -38,19 +50,20 @@ impl MdnRnnConfig {
 
     /// A toy for tests.
     pub fn tiny() -> Self {
-        Self { latent: 4, memory: 16, components: 2 }
+        Self { latent: 4, memory: 16, components: 2, actions: 3 }
     }
 
     /// Fails where no network can be of this shape.
     pub fn check(&self) -> Result<(), OutOfRange> {
         within("the number of memory's latents", self.latent, 1..=MAX_LATENTS)?;
         within("the number of memory's cells", self.memory, 1..=MAX_MEMORY)?;
-        within("the number of memory's Gaussians", self.components, 1..=MAX_COMPONENTS)
+        within("the number of memory's Gaussians", self.components, 1..=MAX_COMPONENTS)?;
+        within("the number of an action's axes", self.actions, 1..=MAX_AXES as i64)
     }
 
     /// How the network is stored.
     pub fn slots(&self) -> Vec<Slot> {
-        let (m, inputs) = (self.memory, self.latent + Action::LEN as i64);
+        let (m, inputs) = (self.memory, self.latent + self.actions);
         let outputs = self.latent * self.components * 3;
         vec![
             Slot::plain("lstm.weight_ih", &[4 * m, inputs]),
@@ -172,7 +185,7 @@ pub struct MdnRnn {
 impl MdnRnn {
     /// A fresh network under `path`, drawn by `rng` as PyTorch draws it.
     pub fn new(path: &nn::Path<'_>, config: MdnRnnConfig, rng: &mut impl Rng) -> Self {
-        let (m, inputs) = (config.memory, config.latent + Action::LEN as i64);
+        let (m, inputs) = (config.memory, config.latent + config.actions);
         let outputs = config.latent * config.components * 3;
         let bound = 1.0 / (m as f64).sqrt();
         let lstm = path / "lstm";
@@ -399,7 +412,7 @@ mod tests {
     #[test]
     fn a_step_and_what_it_expects_are_those_of_the_formulas() {
         let store = nn::VarStore::new(Device::Cpu);
-        let config = MdnRnnConfig { latent: 2, memory: 3, components: 2 };
+        let config = MdnRnnConfig { latent: 2, memory: 3, components: 2, actions: 3 };
         let mdn_rnn = MdnRnn::new(&store.root(), config, &mut rng());
         for (_, mut variable) in store.variables() {
             let values: Vec<_> = (0..variable.numel()).map(|i| 0.5 * (i as f32).cos()).collect();
@@ -423,6 +436,22 @@ mod tests {
                 assert!((found - wanted).abs() < 1e-5, "{what}: {found} instead of {wanted}");
             }
         }
+    }
+
+    #[test]
+    fn actions_of_any_length_are_told_where_they_have_not_three_numbers() {
+        let said = |config: &MdnRnnConfig| serde_json::to_string(config).unwrap();
+        assert_eq!(said(&MdnRnnConfig::tiny()), r#"{"latent":4,"memory":16,"components":2}"#);
+        let config = MdnRnnConfig { actions: 14, ..MdnRnnConfig::tiny() };
+        assert_eq!(said(&config), r#"{"latent":4,"memory":16,"components":2,"actions":14}"#);
+        for config in [config.clone(), MdnRnnConfig::tiny()] {
+            assert_eq!(serde_json::from_str::<MdnRnnConfig>(&said(&config)).unwrap(), config);
+        }
+        assert!(MdnRnnConfig { actions: 49, ..config.clone() }.check().is_err());
+        let store = nn::VarStore::new(Device::Cpu);
+        let mdn_rnn = MdnRnn::new(&store.root(), config, &mut rng());
+        let (zs, actions) = (normal(&mut rng(), &[2, 6, 4]), normal(&mut rng(), &[2, 6, 14]));
+        assert!(mdn_rnn.loss(&zs, &actions, &[6, 4]).double_value(&[]).is_finite());
     }
 
     #[test]

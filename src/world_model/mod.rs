@@ -2,103 +2,36 @@
 //!
 //! Knows no window, clock or file, and is the only place that knows the order `[z | c | h]` of a state's features.
 
+mod config;
 pub mod fit;
 mod fused_rollout;
 mod identity;
 mod layers;
 pub mod mdn_rnn;
+mod shapes;
 mod starts;
 pub mod vae;
 
+use std::sync::Arc;
+
 use rand::{Rng, SeedableRng as _};
 use rand_chacha::ChaCha8Rng;
-use serde::{Deserialize, Serialize};
 use tch::{Device, Kind, Tensor, nn};
 
-use crate::env::{Action, Frame};
-use crate::tensor::limits::{MAX_EPISODE, OutOfRange, named};
+use crate::tensor::limits::{MAX_EPISODE, OutOfRange};
 use crate::tensor::{
-    DescriptionError, NotFinite, Parameters, ParametersError, Slot, described, describes, from_frames,
-    from_slice, is_finite, to_frames, to_vec,
+    DescriptionError, NotFinite, Parameters, ParametersError, Slot, described, from_frames, from_slice,
+    is_finite, to_frames, to_vec,
 };
+use crate::world::{Action, ActionRanges, Frame, WorldSpec};
 
 pub use crate::tensor::fast_kind;
+pub use config::WorldModelConfig;
 use fused_rollout::FusedRollout;
 pub use identity::ModelIdentity;
 pub use layers::Layer;
 pub use mdn_rnn::{MdnRnn, MdnRnnConfig, Memory, Mixture, Noise};
 pub use vae::{Vae, VaeConfig};
-
-/// The shapes of both networks.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct WorldModelConfig {
-    /// The environment whose recordings it learns from, as on the command line.
-    pub env: String,
-    /// Vision.
-    pub vae: VaeConfig,
-    /// Memory.
-    pub mdn_rnn: MdnRnnConfig,
-}
-
-impl WorldModelConfig {
-    /// The paper's networks for Car Racing.
-    pub fn car_racing() -> Self {
-        Self {
-            env: "car-racing".to_owned(),
-            vae: VaeConfig::car_racing(),
-            mdn_rnn: MdnRnnConfig::car_racing(),
-        }
-    }
-
-    /// The paper's networks for Obstacle Car Racing.
-    pub fn obstacle_car_racing() -> Self {
-        Self {
-            env: "obstacle-car-racing".to_owned(),
-            vae: VaeConfig::obstacle_car_racing(),
-            mdn_rnn: MdnRnnConfig::obstacle_car_racing(),
-        }
-    }
-
-    /// Smaller networks for Obstacle Car Racing, which two cores train and dream with in real time.
-    pub fn obstacle_compact() -> Self {
-        Self {
-            vae: VaeConfig::obstacle_compact(),
-            mdn_rnn: MdnRnnConfig::obstacle_compact(),
-            ..Self::obstacle_car_racing()
-        }
-    }
-
-    /// Toys for tests.
-    pub fn tiny() -> Self {
-        Self { env: "dummy-road".to_owned(), vae: VaeConfig::tiny(), mdn_rnn: MdnRnnConfig::tiny() }
-    }
-
-    /// How many features a state has: Z + 2 M.
-    pub fn n_features(&self) -> i64 {
-        self.mdn_rnn.latent + 2 * self.mdn_rnn.memory
-    }
-
-    /// Fails where no networks can be of these shapes, or where they do not fit each other.
-    pub fn check(&self) -> Result<(), OutOfRange> {
-        named("the environment's name", &self.env)?;
-        self.vae.check()?;
-        self.mdn_rnn.check()?;
-        if self.vae.latent == self.mdn_rnn.latent {
-            return Ok(());
-        }
-        let wanted = format!("those of vision, {}", self.vae.latent);
-        Err(OutOfRange::new("the number of memory's latents", self.mdn_rnn.latent, wanted))
-    }
-
-    /// That which the header of `parameters` tells, and the layout in which they are.
-    fn of(parameters: &Parameters) -> Result<(u32, Self), WorldModelError> {
-        let told = describes::<Self>(parameters.metadata("config").as_deref());
-        let (layout, config) = told.map_err(WorldModelError::Header)?;
-        config.check().map_err(WorldModelError::Config)?;
-        Ok((layout, config))
-    }
-}
 
 /// A batch of states: latents, and the memory *before* taking in these latents and the action to come.
 #[derive(Debug)]
@@ -202,6 +135,8 @@ pub enum Next<'a> {
 #[derive(Debug)]
 pub struct WorldModel {
     config: WorldModelConfig,
+    spec: Arc<WorldSpec>,
+    ranges: ActionRanges,
     parameters: Parameters,
     /// Full precision: latents decide.
     encoder: Vae,
@@ -263,7 +198,21 @@ impl WorldModel {
             (memory, vae.for_inference(Kind::Float), vae.for_inference(fast_kind()));
         memory.freeze();
         let fused_rollout = FusedRollout::of(&mdn_rnn);
-        Ok(Self { config, parameters, encoder, decoder, mdn_rnn, fused_rollout, starts, held_out, identity })
+        let spec = config.spec();
+        let ranges = ActionRanges::of(&spec.axes);
+        Ok(Self {
+            config,
+            spec,
+            ranges,
+            parameters,
+            encoder,
+            decoder,
+            mdn_rnn,
+            fused_rollout,
+            starts,
+            held_out,
+            identity,
+        })
     }
 
     /// The state, a batch of one, whose features `[z | c | h]` are these.
@@ -305,6 +254,16 @@ impl WorldModel {
     /// The shapes of the networks.
     pub fn config(&self) -> &WorldModelConfig {
         &self.config
+    }
+
+    /// The world whose recordings it learned from, in pictures of the size that it sees.
+    pub fn spec(&self) -> &Arc<WorldSpec> {
+        &self.spec
+    }
+
+    /// The ranges of that world's actions.
+    pub fn ranges(&self) -> &ActionRanges {
+        &self.ranges
     }
 
     /// What identifies this model: everything dreamed with it names it.
@@ -401,13 +360,17 @@ fn held_out(parameters: &Parameters) -> Result<Option<Vec<usize>>, WorldModelErr
     to_vec(&held_out).into_iter().map(number).collect::<Result<_, _>>().map(Some)
 }
 
-/// A tensor of actions as driven.
+/// A tensor of actions of one world as driven.
 ///
 /// # Shapes
-/// - returns `[B, A]`
+/// - returns `[B, A]`; of no actions `[0, 0]`
+///
+/// # Panics
+/// Where they have not all as many numbers.
 pub fn actions_tensor(actions: &[Action]) -> Tensor {
-    let values: Vec<f32> = actions.iter().flat_map(|action| action.to_array()).collect();
-    from_slice(&values, &[actions.len() as i64, Action::LEN as i64])
+    let n_axes = actions.first().map_or(0, |action| action.len());
+    let values: Vec<f32> = actions.iter().flat_map(|action| action.iter().copied()).collect();
+    from_slice(&values, &[actions.len() as i64, n_axes as i64])
 }
 
 /// A world model that has learned nothing, for tests and for measuring speed.

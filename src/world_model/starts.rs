@@ -2,9 +2,9 @@
 
 use tch::Tensor;
 
-use crate::env::{Action, Frame};
 use crate::tensor::limits::{MAX_STARTS, within};
 use crate::tensor::{Parameters, ParametersError, from_slice, to_vec};
+use crate::world::{Action, Frame};
 use crate::world_model::{LatentState, MdnRnnConfig, State, WorldModel, WorldModelError, actions_tensor};
 
 impl WorldModel {

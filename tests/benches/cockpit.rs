@@ -16,7 +16,6 @@ use std::time::{Duration, Instant};
 
 use dropj::app::{FirstWorld, Panel, Startup};
 use dropj::dream::DreamEpisode;
-use dropj::env::{Action, Aids, CarRacing, Env, Seed};
 use dropj::planner::PlannerConfig;
 use dropj::planner::synthesis::SynthesisConfig;
 use dropj::reward::RewardConfig;
@@ -27,6 +26,9 @@ use dropj::worker::{
     DreamStart, Job, LoadedWorld, Report, Reports, RewardReport, Slots, Threads, TrainerCommand,
     WorkerConfig, Workers, trainer,
 };
+use dropj::world::Action;
+use dropj::world::WorldSpec;
+use dropj::world::cars::{Aids, CarWorld};
 use dropj::world_model::fit::FitConfig;
 use dropj::world_model::{LatentState, WorldModel, WorldModelConfig};
 use eframe::egui::{Key, vec2};
@@ -106,7 +108,7 @@ fn opening(harness: &mut Harness<'_, Window>, sessions: &Path) {
         let mut dream = DreamEpisode::new(start.clone(), seed);
         for t in 0..1000 {
             dream.zs.push(&[(seed as f32 + 0.01 * t as f32).sin(); 32]);
-            dream.actions.push(Action::default());
+            dream.actions.push(Action::new([0.0; 3]));
         }
         store.save_dream(&dream, DreamSource::User).unwrap();
     }
@@ -179,8 +181,8 @@ fn cpu_nanos() -> u64 {
 
 fn window(dir: &Path, session: &Path, world: &Path) -> (Harness<'static, Window>, Slots) {
     let config = WorkerConfig {
-        env: Box::new(|_: Aids| -> Box<dyn Env> { Box::new(CarRacing::new(Seed::Native(0))) }),
-        env_name: "car-racing".to_owned(),
+        open: Arc::new(|_| Ok(Box::new(CarWorld::open("car-racing", Aids::NONE).expect("it is built in")))),
+        spec: Arc::new(WorldSpec::default()),
         world: WorldModelConfig::car_racing(),
         fit: FitConfig::full(),
         reward: RewardConfig::car_racing(),
@@ -190,7 +192,8 @@ fn window(dir: &Path, session: &Path, world: &Path) -> (Harness<'static, Window>
     };
     let (share, shared) = std::sync::mpsc::channel();
     let app = Startup {
-        env: "car-racing".to_owned(),
+        spec: Arc::new(WorldSpec::default()),
+        spec_file: None,
         sessions: dir.to_owned(),
         dataset: dir.join("data"),
         world: FirstWorld::In(world.to_owned()),

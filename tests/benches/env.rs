@@ -2,7 +2,7 @@
 
 use divan::Bencher;
 use divan::counter::ItemsCount;
-use dropj::env::{Action, Aids, CarRacing, Env, ObstacleCarRacing, Obstacles, Seed};
+use dropj::world::cars::{Aids, CarAction, CarRacing, Env, ObstacleCarRacing, Obstacles, Seed};
 
 /// Steps in a sample.
 const N_STEPS: usize = 500;
@@ -24,7 +24,7 @@ fn steps(bencher: Bencher<'_, '_>, open: fn() -> Box<dyn Env>, has_picture: bool
     let (mut env, mut track) = (open(), 0);
     bencher.counter(ItemsCount::new(N_STEPS)).bench_local(|| {
         for i in 0..N_STEPS {
-            let outcome = env.advance(Action::new((i as f32 / 40.0).sin(), 0.1, 0.0));
+            let outcome = env.advance(CarAction::new((i as f32 / 40.0).sin(), 0.1, 0.0));
             if has_picture {
                 divan::black_box(env.frame());
             }

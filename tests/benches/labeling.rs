@@ -12,7 +12,6 @@ use std::time::{Duration, Instant};
 
 use dropj::app::{FirstWorld, Panel, Startup};
 use dropj::dream::Dream;
-use dropj::env::{Action, CarRacing, Seed};
 use dropj::planner::PlannerConfig;
 use dropj::planner::synthesis::SynthesisConfig;
 use dropj::query::{Preference, Protocol, Response, SafetyAnswer, sample_queries};
@@ -21,6 +20,9 @@ use dropj::run::read_parameters;
 use dropj::session::{Answer, Choice, DreamSource, Event, Header, SessionStore};
 use dropj::ui::{NoPads, Window, WindowStartup};
 use dropj::worker::{LoadedWorld, Threads, WorkerConfig, Workers};
+use dropj::world::Action;
+use dropj::world::WorldSpec;
+use dropj::world::cars::{Aids, CarWorld};
 use dropj::world_model::fit::FitConfig;
 use dropj::world_model::{WorldModel, WorldModelConfig};
 use eframe::egui::{Key, vec2};
@@ -58,8 +60,9 @@ fn session(model: &WorldModel, dir: &Path, n_old: usize) -> SessionStore {
     let mut store = SessionStore::create(dir, header).unwrap();
     for (seed, start) in (0..3).zip(model.starts()) {
         let mut dream = Dream::new(start, seed);
-        (0..300)
-            .for_each(|_| dream.step(model, Action::new(0.0, 0.1, 0.0), rng).expect("numbers stay numbers"));
+        (0..300).for_each(|_| {
+            dream.step(model, Action::new([0.0, 0.1, 0.0]), rng).expect("numbers stay numbers");
+        });
         store.save_dream(&dream.finish(), DreamSource::Simulated).unwrap();
     }
     let lens = store.session().dream_lens();
@@ -75,8 +78,8 @@ fn session(model: &WorldModel, dir: &Path, n_old: usize) -> SessionStore {
 
 fn window(model: &WorldModel, store: SessionStore, dir: &Path) -> Harness<'static, Window> {
     let config = WorkerConfig {
-        env: Box::new(|_| Box::new(CarRacing::new(Seed::Native(0)))),
-        env_name: "car-racing".to_owned(),
+        open: Arc::new(|_| Ok(Box::new(CarWorld::open("car-racing", Aids::NONE).expect("it is built in")))),
+        spec: Arc::new(WorldSpec::default()),
         world: WorldModelConfig::car_racing(),
         fit: FitConfig::full(),
         reward: RewardConfig::car_racing(),
@@ -85,7 +88,8 @@ fn window(model: &WorldModel, store: SessionStore, dir: &Path) -> Harness<'stati
         load: Arc::new(|path| unreachable!("nobody loads {path:?}")),
     };
     let app = Startup {
-        env: "car-racing".to_owned(),
+        spec: Arc::new(WorldSpec::default()),
+        spec_file: None,
         sessions: dir.to_owned(),
         dataset: dir.join("data"),
         world: FirstWorld::Here(Ok(Box::new(LoadedWorld {

@@ -3,11 +3,11 @@
 use std::ops::ControlFlow;
 
 use divan::Bencher;
-use dropj::env::{Action, Frame};
 use dropj::planner::{PlannerConfig, plan};
 use dropj::query::{Preference, Response, SEGMENT_LEN, SafetyAnswer, Weights};
 use dropj::reward::{RewardConfig, RewardEnsemble, SegmentPair, Trainer};
 use dropj::tensor::{normal, to_vec};
+use dropj::world::Frame;
 use dropj::world_model::{State, WorldModel, WorldModelConfig, fast_kind, untrained};
 use rand::SeedableRng as _;
 use rand_chacha::ChaCha8Rng;
@@ -29,11 +29,11 @@ fn ensemble(kind: Kind) -> RewardEnsemble {
     let n_features = WorldModelConfig::car_racing().n_features();
     // The 60 passes of the authors.
     let config = RewardConfig { updates: 180, ..RewardConfig::car_racing() };
-    RewardEnsemble::new(n_features, "sha256:0", config, &mut rng()).in_kind(kind)
+    RewardEnsemble::new((n_features, "sha256:0"), config, &mut rng()).in_kind(kind)
 }
 
 fn here(model: &WorldModel) -> State {
-    let frame = Frame::new(84, vec![100u8; 3 * 84 * 84]);
+    let frame = Frame::square(84, vec![100u8; 3 * 84 * 84]);
     State { z: model.observe(&[frame]), memory: model.no_memory(1) }
 }
 
@@ -41,7 +41,7 @@ fn plan_in(bencher: Bencher<'_, '_>, kind: Kind, config: &PlannerConfig) {
     let model = untrained(&WorldModelConfig::car_racing(), &mut rng());
     let (reward, state, mut rng) = (ensemble(kind).for_inference(), here(&model), rng());
     bencher.bench_local(|| {
-        plan(&model, &reward, &state, config, &mut rng).expect("numbers stay numbers").chosen
+        plan(&model, &reward, &state, config, None, &mut rng).expect("numbers stay numbers").chosen
     });
 }
 
@@ -62,12 +62,12 @@ fn plan_15_times_25_fast(bencher: Bencher<'_, '_>) {
 
 fn fit_in(bencher: Bencher<'_, '_>, kind: Kind) {
     let mut trainer = Trainer::new(ensemble(kind));
-    let width = trainer.ensemble().n_features() + Action::LEN as i64;
+    let width = trainer.ensemble().n_features() + 3;
     for i in 0..N_LABELS {
         let segment =
             |seed| to_vec(&normal(&mut ChaCha8Rng::seed_from_u64(seed), &[SEGMENT_LEN as i64, width]));
         let answer = SafetyAnswer::Both(if i % 2 == 0 { Preference::Left } else { Preference::Right });
-        let label = Weights::car_racing().label(&Response::Safety(answer));
+        let label = Weights::paper().label(&Response::Safety(answer));
         let label = label.unwrap_or_else(|| unreachable!("it was answered"));
         trainer.predict_and_add(&SegmentPair { left: segment(2 * i), right: segment(2 * i + 1), label });
     }

@@ -4,11 +4,11 @@
 
 use divan::Bencher;
 use dropj::dream::Dream;
-use dropj::env::{Action, Frame};
 use dropj::planner::{PlannerConfig, plan};
 use dropj::reward::{RewardConfig, RewardEnsemble};
 use dropj::tensor::adam::Adam;
 use dropj::tensor::normal;
+use dropj::world::{Action, Frame};
 use dropj::world_model::{
     LatentState, MdnRnn, MdnRnnConfig, Next, Noise, State, Vae, VaeConfig, WorldModel, WorldModelConfig,
     actions_tensor, fast_kind, untrained,
@@ -105,7 +105,7 @@ fn dream_step_and_picture(bencher: Bencher<'_, '_>) {
     let start = LatentState { z: vec![0.1; 32], c: vec![0.1; 256], h: vec![0.1; 256] };
     let (mut dream, mut rng) = (Dream::new(&start, 0), rng());
     bencher.bench_local(|| {
-        dream.step(&model, Action::default(), &mut rng).expect("numbers stay numbers");
+        dream.step(&model, Action::new([0.0; 3]), &mut rng).expect("numbers stay numbers");
         dream.frame(&model)
     });
 }
@@ -119,7 +119,7 @@ fn obstacles((size, threads): (&str, i32)) -> (WorldModel, State) {
     let compact = WorldModelConfig::obstacle_compact();
     let config = if size == "compact" { compact } else { WorldModelConfig::obstacle_car_racing() };
     let model = untrained(&config, &mut rng());
-    let frame = Frame::new(128, vec![100u8; 3 * 128 * 128]);
+    let frame = Frame::square(128, vec![100u8; 3 * 128 * 128]);
     let state = State { z: model.observe(&[frame]), memory: model.no_memory(1) };
     (model, state)
 }
@@ -127,7 +127,7 @@ fn obstacles((size, threads): (&str, i32)) -> (WorldModel, State) {
 #[divan::bench(args = OBSTACLES, sample_count = 100, sample_size = 1)]
 fn obstacle_step(bencher: Bencher<'_, '_>, on: (&str, i32)) {
     let ((model, state), mut rng) = (obstacles(on), rng());
-    let actions = actions_tensor(&[Action::default()]);
+    let actions = actions_tensor(&[Action::new([0.0; 3])]);
     bencher.bench_local(|| {
         let noise = Noise::draw(1, 64, &mut rng);
         model.imagine(&state, &actions, Next::Sample { temperature: 1.0, noise: &noise })
@@ -144,9 +144,9 @@ fn obstacle_decode(bencher: Bencher<'_, '_>, on: (&str, i32)) {
 fn obstacle_plan_15_times_15(bencher: Bencher<'_, '_>, on: (&str, i32)) {
     let ((model, state), mut rng) = (obstacles(on), rng());
     let n_features = model.config().n_features();
-    let reward = RewardEnsemble::new(n_features, "sha256:0", RewardConfig::car_racing(), &mut rng);
+    let reward = RewardEnsemble::new((n_features, "sha256:0"), RewardConfig::car_racing(), &mut rng);
     let (reward, config) = (reward.for_inference(), PlannerConfig::obstacle_car_racing());
     bencher.bench_local(|| {
-        plan(&model, &reward, &state, &config, &mut rng).expect("numbers stay numbers").chosen
+        plan(&model, &reward, &state, &config, None, &mut rng).expect("numbers stay numbers").chosen
     });
 }

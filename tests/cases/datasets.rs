@@ -5,9 +5,9 @@ use std::fs::{self, File};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use dropj::dataset::{Dataset, EpisodeInfo, StepRecord};
-use dropj::env::{Action, End, Frame};
+use dropj::dataset::{Dataset, EpisodeInfo, Layout, StepRecord};
 use dropj::tensor::Parameters;
+use dropj::world::{Action, End, Frame};
 use dropj::world_model::{WorldModelConfig, untrained};
 use parquet::data_type::Int64Type;
 use parquet::file::reader::{FileReader as _, SerializedFileReader};
@@ -25,23 +25,23 @@ const SIDE: u32 = 20;
 /// A dataset of episodes of so many steps.
 fn dataset(dir: &Path, env: &str, lens: &[usize]) {
     let mut dataset = Dataset::create_or_open(dir, env).unwrap();
-    let frame = |t: usize| Frame::new(SIDE, vec![t as u8; 3 * (SIDE * SIDE) as usize]);
+    let frame = |t: usize| Frame::square(SIDE, vec![t as u8; 3 * (SIDE * SIDE) as usize]);
+    let layout = Layout { sensors: ["speed", "yaw_rate"].map(str::to_owned).to_vec(), ..Layout::default() };
     for (seed, &len) in (0..).zip(lens) {
         let info = EpisodeInfo { env: env.to_owned(), pilot: "nobody".to_owned(), seed };
-        let mut recording = dataset.begin_with(info, &["speed", "yaw_rate"]).unwrap();
+        let mut recording = dataset.begin_with(info, &layout).unwrap();
         for t in 0..len {
             let step = StepRecord {
                 frame: frame(t),
-                action: Action::new(0.1, 0.2, 0.0),
+                action: Action::new([0.1, 0.2, 0.0]),
                 reward: 1.0,
-                grass: false,
-                contacts: None,
+                events: vec![false],
                 wall_time_ns: 20_000_000 * t as i64,
                 state: vec![t as f32, -1.0],
             };
             recording.push(&step).unwrap();
         }
-        dataset.seal(recording, &frame(len), Some(End::TimeLimit)).unwrap();
+        dataset.seal(recording, &frame(len), Some(End::Truncated)).unwrap();
     }
 }
 
@@ -172,14 +172,13 @@ fn recordings_of_others_are_named_for_what_they_are() {
     let dir = tempfile::tempdir().unwrap();
     of_lerobot(&dir.path().join("ds"));
     world(&dir.path().join("w.safetensors"));
-    for args in [
-        ["fit-world", "--data", "ds", "--out", "new.safetensors"],
-        ["check-world", "--data", "ds", "--world", "w.safetensors"],
-    ] {
-        let ran = dropj(dir.path(), args);
-        assert!(ran.refused().contains("LeRobot dataset") && ran.refused().contains("so101"), "{ran:?}");
-        assert!(!dir.path().join("new.fit").exists(), "and nothing is begun");
-    }
+    let ran = dropj(dir.path(), ["fit-world", "--data", "ds", "--out", "new.safetensors"]);
+    assert!(ran.refused().contains("LeRobot dataset") && ran.refused().contains("so101"), "{ran:?}");
+    assert!(ran.refused().contains("`dropj world new --data`"), "what to do: {ran:?}");
+    assert!(!dir.path().join("new.fit").exists(), "and nothing is begun");
+    // As recordings of the model's world they are read, as far as that goes.
+    let ran = dropj(dir.path(), ["check-world", "--data", "ds", "--world", "w.safetensors"]);
+    assert!(ran.refused().contains("fps is missing"), "{ran:?}");
 }
 
 #[test]
@@ -301,6 +300,12 @@ fn what_is_recorded_is_what_other_programs_expect() {
     for name in ["next.done", "next.terminated", "next.truncated", "next.reward", "action"] {
         assert!(features.contains_key(name), "{name}");
     }
+    for event in ["next.grass", "next.new_tile"] {
+        assert_eq!(features[event]["dtype"], "bool", "{event}");
+    }
+    assert_eq!(info["fps"], 50);
+    assert_eq!(features["action"]["names"], serde_json::json!(["steer", "gas", "brake"]));
+    assert_eq!(features["observation.image"]["shape"], serde_json::json!([84, 84, 3]));
     let file = SerializedFileReader::new(File::open(episode_file(&ds, 0)).unwrap()).unwrap();
     let columns = file.metadata().file_metadata().schema_descr().root_schema().get_fields();
     assert!(columns.iter().all(|column| features.contains_key(column.name())), "as many as it tells of");

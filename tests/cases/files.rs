@@ -6,13 +6,14 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
-use dropj::dataset::{Dataset, DatasetError, EpisodeInfo, StepRecord};
+use dropj::dataset::{Dataset, DatasetError, EpisodeInfo, Layout, StepRecord};
 use dropj::dream::{Dream, DreamEpisode};
-use dropj::env::{Action, End, Frame};
 use dropj::query::{DreamId, Preference, Protocol, Query, QueryId, Response, SafetyAnswer, sample_queries};
 use dropj::session::{
     Answer, Choice, DreamSource, Event, Fit, Header, NewSession, SessionError, SessionStore, list_sessions,
 };
+use dropj::world::End;
+use dropj::world::{Action, Frame};
 use dropj::world_model::{LatentState, WorldModel, WorldModelConfig, untrained};
 use rand::SeedableRng as _;
 use rand_chacha::ChaCha8Rng;
@@ -27,7 +28,7 @@ fn dream(model: &WorldModel, len: usize, seed: u64) -> DreamEpisode {
     let start = LatentState { z: vec![0.1; 4], c: vec![0.0; 16], h: vec![0.0; 16] };
     let (mut dream, rng) = (Dream::new(&start, seed), &mut ChaCha8Rng::seed_from_u64(seed));
     for t in 0..len {
-        dream.step(model, Action::new((t as f32).sin(), 0.5, 0.0), rng).unwrap();
+        dream.step(model, Action::new([(t as f32).sin(), 0.5, 0.0]), rng).unwrap();
     }
     dream.finish()
 }
@@ -58,24 +59,23 @@ fn session(dir: &Path, model: &WorldModel) -> SessionStore {
 /// Recorded episodes of a gray picture of `side` pixels a side.
 fn recordings(dir: &Path, n_episodes: u64, side: usize) {
     let mut dataset = Dataset::create_or_open(dir, "car-racing").unwrap();
-    let frame = Frame::new(side as u32, vec![90; 3 * side * side]);
+    let frame = Frame::square(side as u32, vec![90; 3 * side * side]);
     for seed in 0..n_episodes {
         let info = EpisodeInfo { env: "car-racing".to_owned(), pilot: "nobody".to_owned(), seed };
         let mut recording = dataset.begin(info).unwrap();
         for _ in 0..3 {
             recording.push(&step(&frame)).unwrap();
         }
-        dataset.seal(recording, &frame, Some(End::TimeLimit)).unwrap();
+        dataset.seal(recording, &frame, Some(End::Truncated)).unwrap();
     }
 }
 
 fn step(frame: &Frame) -> StepRecord {
     StepRecord {
         frame: frame.clone(),
-        action: Action::default(),
+        action: Action::new([0.0; 3]),
         reward: 0.0,
-        grass: false,
-        contacts: None,
+        events: vec![false],
         wall_time_ns: 0,
         state: Vec::new(),
     }
@@ -521,10 +521,11 @@ fn a_recording_whose_journal_is_replaced_goes_on_in_another_dataset() {
     ];
     for happen in mishaps {
         let dir = tempfile::tempdir().unwrap();
-        let frame = Frame::new(20, vec![90; 3 * 20 * 20]);
+        let frame = Frame::square(20, vec![90; 3 * 20 * 20]);
         let dataset = Dataset::create_or_open(&dir.path().join("one"), "wall").unwrap();
         let info = EpisodeInfo { env: "wall".to_owned(), pilot: "nobody".to_owned(), seed: 4 };
-        let mut recording = dataset.begin_with(info.clone(), &["speed"]).unwrap();
+        let layout = Layout { sensors: vec!["speed".to_owned()], ..Layout::default() };
+        let mut recording = dataset.begin_with(info.clone(), &layout).unwrap();
         let step = StepRecord { state: vec![3.5], ..step(&frame) };
         for _ in 0..3 {
             recording.push(&step).unwrap();

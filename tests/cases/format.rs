@@ -1,10 +1,10 @@
 //! What `assets/FORMAT.md` says of the shipped files, computed from them by plain loops.
 
-use dropj::env::Frame;
 use dropj::reward::{RewardEnsemble, RewardModel as _, scaled_actions_tensor};
 use dropj::session::arrays::dream_from_bytes;
 use dropj::tensor::container::Container;
 use dropj::tensor::{Parameters, from_slice, to_vec};
+use dropj::world::{ActionRanges, Frame};
 use dropj::world_model::{LatentState, Next, State, WorldModel, actions_tensor};
 
 use crate::program::shipped;
@@ -113,7 +113,7 @@ fn a_reward_is_what_the_page_on_formats_says() {
     assert_close(&kept.values[..n * kept.width], &rows.concat(), 1e-4);
     let ensemble = RewardEnsemble::load(&Parameters::from_bytes(learned.clone()).unwrap()).unwrap();
     let all = from_slice(&kept.values, &[400, -1]);
-    let scaled = scaled_actions_tensor(&episode.actions);
+    let scaled = scaled_actions_tensor(&episode.actions, &ActionRanges::default());
     let rewards = to_vec(&ensemble.in_kind(tch::Kind::Float).rewards(&all, &scaled));
     assert_close(&rewards[..n], &by_hand, 1e-5);
     assert_close(&rewards[..3], &REWARDS, 1e-5);
@@ -131,7 +131,7 @@ fn a_world_model_is_what_the_page_on_formats_says() {
     };
     // Pictures may be drawn in bf16, and are of whole bytes.
     assert_close(&[color(0), color(1), color(2)], &COLORS, 4e-3);
-    let black = to_vec(&model.observe(&[Frame::new(84, vec![0; 3 * 84 * 84])]));
+    let black = to_vec(&model.observe(&[Frame::square(84, vec![0; 3 * 84 * 84])]));
     assert_close(&black[..4], &LATENTS_OF_BLACK, 1e-4);
     let state = State::from(&episode.start);
     let next = Next::Mean { temperature: 0.1 };

@@ -5,7 +5,6 @@ use std::path::{Path, PathBuf};
 
 use dropj::dataset::{Dataset, EpisodeInfo, StepRecord};
 use dropj::dream::{Dream, DreamEpisode};
-use dropj::env::{Action, Frame};
 use dropj::query::{Protocol, QueryId, Response, SafetyAnswer, SegmentRef};
 use dropj::reward::{
     LearnedReward, RewardConfig, RewardEnsemble, RewardModel as _, SparseConfig, SparseReward,
@@ -16,6 +15,7 @@ use dropj::session::{Answer, Choice, DreamSource, Event, Fit, Header, LoadedSess
 use dropj::simulate::probe::Probe;
 use dropj::tensor::container::{self, Container, Part};
 use dropj::tensor::{Dtype, Parameters, from_slice, sha256, to_vec};
+use dropj::world::{Action, Frame};
 use dropj::world_model::fit::{FitConfig, FitError, fit_world};
 use dropj::world_model::{
     LatentState, Layer, MdnRnnConfig, VaeConfig, WorldModel, WorldModelConfig, untrained,
@@ -36,15 +36,17 @@ fn rng() -> ChaCha8Rng {
 fn small() -> WorldModelConfig {
     let layer = |channels, kernel| Layer { channels, kernel, stride: 4, padding: 0 };
     let vae = VaeConfig {
-        side: 84,
+        height: 84,
+        width: 84,
+        rarity: 0.0,
         latent: 4,
         encoder: vec![layer(4, 4), layer(4, 5)],
         decoder: vec![layer(4, 5), layer(3, 4)],
         free_bits: 0.1,
         emphasis: 0.0,
     };
-    let mdn_rnn = MdnRnnConfig { latent: 4, memory: 8, components: 2 };
-    WorldModelConfig { env: "car-racing".to_owned(), vae, mdn_rnn }
+    let mdn_rnn = MdnRnnConfig { latent: 4, memory: 8, components: 2, actions: 3 };
+    WorldModelConfig { env: "car-racing".to_owned(), vae, mdn_rnn, world: None }
 }
 
 fn start() -> LatentState {
@@ -136,6 +138,12 @@ fn sizes_that_cannot_be_are_refused_before_anything_is_made() {
         ),
         ("free bits", &["vae", "free_bits"], json!(-1.0)),
         ("emphasis", &["vae", "emphasis"], json!(1e300)),
+        ("rare colors", &["vae", "rarity"], json!(-1.0)),
+        ("height", &["vae", "height"], json!(84)),
+        ("axes", &["mdn_rnn", "actions"], json!(1_000_000)),
+        ("axes", &["mdn_rnn", "actions"], json!(4)),
+        ("world's file", &["world"], json!("name = 3")),
+        ("world's file", &["world"], json!("#".repeat(1 << 19))),
         ("environment", &["env"], json!("")),
         ("environment", &["env"], json!("x".repeat(5000))),
         ("new", &["vae", "new"], json!(1)),
@@ -274,7 +282,7 @@ fn session(dir: &Path) -> (WorldModel, SessionStore) {
     for seed in 0..2 {
         let (mut dream, rng) = (Dream::new(&start(), seed), &mut ChaCha8Rng::seed_from_u64(seed));
         for t in 0..40 {
-            dream.step(&model, Action::new((t as f32).sin(), 0.5, 0.0), rng).unwrap();
+            dream.step(&model, Action::new([(t as f32).sin(), 0.5, 0.0]), rng).unwrap();
         }
         store.save_dream(&dream.finish(), DreamSource::User).unwrap();
     }
@@ -354,8 +362,8 @@ fn rewards_must_be_of_numbers_and_fit_the_world_model() {
     let dir = root.path().join("session");
     let (model, mut store) = session(&dir);
     let hash = model.hash();
-    let ensemble = |n, of: &str| RewardEnsemble::new(n, of, RewardConfig::tiny(), &mut rng()).parameters();
-    let sparse = |n, of: &str| SparseReward::new(n, of, SparseConfig::tiny(), &mut rng()).parameters();
+    let ensemble = |n, of: &str| RewardEnsemble::new((n, of), RewardConfig::tiny(), &mut rng()).parameters();
+    let sparse = |n, of: &str| SparseReward::new((n, of), SparseConfig::tiny(), &mut rng()).parameters();
     let crafted = |key: &str, parameters: &Parameters, from: &str, to: &str| {
         let described = parameters.metadata(key).unwrap().replace(from, to);
         Parameters::from_tensors([], &[(key, described)])
@@ -580,24 +588,22 @@ fn recordings(dir: &Path) -> Dataset {
     let env = WorldModelConfig::tiny().env;
     let mut dataset = Dataset::create_or_open(dir, &env).unwrap();
     for seed in 0..3_u64 {
-        let frame = |t: usize| Frame::new(20, vec![(5 * t) as u8; 1200]);
+        let frame = |t: usize| Frame::square(20, vec![(5 * t) as u8; 1200]);
         let info = EpisodeInfo { env: env.clone(), pilot: "nobody".to_owned(), seed };
         let mut recording = dataset.begin(info).unwrap();
         for t in 0..40 {
-            let action = Action::new((t as f32).sin(), 0.0, 0.0);
-            let (grass, contacts) = (false, None);
+            let action = Action::new([(t as f32).sin(), 0.0, 0.0]);
             let step = StepRecord {
                 frame: frame(t),
                 action,
                 reward: 0.0,
-                grass,
-                contacts,
+                events: vec![false],
                 wall_time_ns: 0,
                 state: Vec::new(),
             };
             recording.push(&step).unwrap();
         }
-        dataset.seal(recording, &frame(40), Some(dropj::env::End::TimeLimit)).unwrap();
+        dataset.seal(recording, &frame(40), Some(dropj::world::End::Truncated)).unwrap();
     }
     drop(dataset);
     Dataset::open(dir).unwrap()

@@ -3,11 +3,11 @@
 use std::path::{Path, PathBuf};
 
 use dropj::dream::{Dream, DreamEpisode};
-use dropj::env::Action;
 use dropj::query::{DreamId, Preference, Protocol, QueryId, Response, SafetyAnswer, SegmentRef, SkipReason};
 use dropj::session::{
     Annotators, Answer, Choice, DreamSource, Entry, Event, Header, SessionStore, hand_on, merge, relative,
 };
+use dropj::world::Action;
 use dropj::world_model::{LatentState, WorldModel, WorldModelConfig, untrained};
 use rand::SeedableRng as _;
 use rand_chacha::ChaCha8Rng;
@@ -30,7 +30,7 @@ fn dream(model: &WorldModel, seed: u64) -> DreamEpisode {
     let mut dream = Dream::new(&start, seed);
     let rng = &mut ChaCha8Rng::seed_from_u64(seed);
     for t in 0..60 {
-        dream.step(model, Action::new((t as f32).sin(), 0.5, 0.0), rng).unwrap();
+        dream.step(model, Action::new([(t as f32).sin(), 0.5, 0.0]), rng).unwrap();
     }
     dream.finish()
 }

@@ -2,13 +2,13 @@
 
 use std::path::Path;
 
-use dropj::dataset::{Dataset, EpisodeInfo, StepRecord};
+use dropj::dataset::{Dataset, EpisodeInfo, Layout, StepRecord};
 use dropj::dream::{Dream, DreamEpisode};
-use dropj::env::{Action, Contacts, End, Env as _, Seed};
-use dropj::evaluation::EpisodeMetrics;
+use dropj::evaluation::{EpisodeMetrics, EventFigure};
 use dropj::query::{Preference, Protocol, Response, SafetyAnswer, SkipReason, sample_queries};
 use dropj::reward::{RewardConfig, RewardEnsemble, SparseConfig, SparseReward};
 use dropj::session::{Answer, Choice, DreamSource, Event, Fit, Header, SessionStore};
+use dropj::world::{Action, Count, End, World as _};
 use dropj::world_model::{LatentState, WorldModel, WorldModelConfig, untrained};
 use rand::SeedableRng as _;
 use rand_chacha::ChaCha8Rng;
@@ -37,8 +37,8 @@ pub(crate) fn worlds() -> Vec<Vec<u8>> {
 /// A reward of preferences and one of verdicts.
 pub(crate) fn rewards() -> Vec<Vec<u8>> {
     let hash = model().hash();
-    let of_pairs = RewardEnsemble::new(36, &hash, RewardConfig::tiny(), &mut rng()).parameters();
-    let of_verdicts = SparseReward::new(36, &hash, SparseConfig::tiny(), &mut rng()).parameters();
+    let of_pairs = RewardEnsemble::new((36, hash.as_str()), RewardConfig::tiny(), &mut rng()).parameters();
+    let of_verdicts = SparseReward::new((36, hash.as_str()), SparseConfig::tiny(), &mut rng()).parameters();
     vec![of_pairs.bytes().to_vec(), of_verdicts.bytes().to_vec()]
 }
 
@@ -52,7 +52,7 @@ fn dream(len: usize, seed: u64) -> DreamEpisode {
     let mut dream = Dream::new(&start(), seed);
     let (model, rng) = (model(), &mut rng());
     for t in 0..len {
-        dream.step(&model, Action::new((t as f32).sin(), 0.5, 0.0), rng).unwrap();
+        dream.step(&model, Action::new([(t as f32).sin(), 0.5, 0.0]), rng).unwrap();
     }
     let mut episode = dream.finish();
     (episode.unsafe_marks, episode.planned) = (vec![2, 9], vec![3..7, 12..15]);
@@ -97,7 +97,8 @@ pub(crate) fn session(dir: &Path) {
         store.record(event).unwrap();
     }
     let fit = Fit { after: 9, n_labels: 2, seed: 5, epochs: 3, losses: vec![0.1, 0.2], held_out: Some(0.5) };
-    let reward = RewardEnsemble::new(36, &model.hash(), RewardConfig::tiny(), &mut rng()).parameters();
+    let reward =
+        RewardEnsemble::new((36, model.hash().as_str()), RewardConfig::tiny(), &mut rng()).parameters();
     store.save_reward(&reward, fit).unwrap();
 }
 
@@ -107,21 +108,23 @@ pub(crate) fn episodes(dir: &Path) -> [Vec<u8>; 2] {
     let mut journal = Vec::new();
     for is_sealed in [true, false] {
         let info = EpisodeInfo { env: "dummy-road".to_owned(), pilot: "anna".to_owned(), seed: 3 };
-        let mut road = DummyRoad::default();
-        let mut recording = dataset.begin_with(info, road.sensors()).unwrap();
-        road.reset(Seed::Native(3));
+        let mut road = DummyRoad::world();
+        let mut frame = road.reset(3).unwrap();
+        let layout = Layout::of(road.spec(), &road.sensors());
+        let mut recording = dataset.begin_with(info, &layout).unwrap();
         for t in 0..24 {
-            let (frame, state) = (road.frame(), road.state());
-            let action = Action::new((t as f32 * 0.3).sin(), 0.2, 0.0);
-            let outcome = road.advance(action);
-            let contacts = Some(Contacts::default());
-            let (reward, grass) = (outcome.reward, outcome.events.grass);
-            let wall_time_ns = 1_795_342_500 + t;
-            let step = StepRecord { frame, action, reward, grass, contacts, wall_time_ns, state };
-            recording.push_by(&step, t > 15).unwrap();
+            let state = road.state();
+            let action = Action::new([(t as f32 * 0.3).sin(), 0.2, 0.0]);
+            let step = road.step(&action).unwrap();
+            let (reward, wall_time_ns) = (step.reward.unwrap_or_default(), 1_795_342_500 + t);
+            let events = step.events.iter().map(|event| event.goes_on).collect();
+            let frame = std::mem::replace(&mut frame, step.frame);
+            recording
+                .push_by(&StepRecord { frame, action, reward, events, wall_time_ns, state }, t > 15)
+                .unwrap();
         }
         if is_sealed {
-            dataset.seal(recording, &road.frame(), Some(End::TimeLimit)).unwrap();
+            dataset.seal(recording, &frame, Some(End::Truncated)).unwrap();
         } else {
             journal = std::fs::read(recording.path()).unwrap();
         }
@@ -135,10 +138,15 @@ pub(crate) fn comparisons() -> Vec<Vec<u8>> {
     let line = |track: u64| {
         let metrics = EpisodeMetrics {
             ret: 900.5 + track as f32,
-            new_tile_rate: 0.15,
-            grass_rate: 0.02,
-            chuckhole_rate: Some(0.5),
-            car_rate: None,
+            unsafe_rate: 0.02,
+            events: [
+                ("new tile", Some(0.15)),
+                ("grass", Some(0.02)),
+                ("chuckhole", Some(0.5)),
+                ("car", None),
+            ]
+            .map(|(name, value)| EventFigure { name: name.to_owned(), count: Count::PerStep, value })
+            .into(),
             n_steps: 1000,
             finished: true,
             plan_ms_mean: Some(5.5),

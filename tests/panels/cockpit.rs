@@ -55,7 +55,7 @@ fn a_kept_dream_is_looked_at_again_step_by_step() {
     press(&mut harness, Key::PageDown);
     assert_eq!(looks(&backstage).last(), Some(&(DreamId(1), 0)));
     press(&mut harness, Key::Escape);
-    harness.get_by_label("Drive");
+    harness.get_by_label("Begin");
 }
 
 #[test]
@@ -118,7 +118,7 @@ fn other_weights_change_the_labels_and_the_reward_is_learned_anew() {
     assert!(learned && relearned, "{orders:?}");
     click(&mut harness, "As at first");
     let session = harness.state().app().open().unwrap().session();
-    assert_eq!(session.weights(), &Weights::car_racing());
+    assert_eq!(session.weights(), &Weights::paper());
 }
 
 #[test]
@@ -203,7 +203,7 @@ fn a_window_opens_while_its_world_model_is_being_read() {
     go_on.send(()).unwrap();
     wait_for(&mut harness, |harness| harness.state().app().open().is_some());
     harness.step();
-    harness.get_by_label("Drive");
+    harness.get_by_label("Begin");
 }
 
 fn protocol(harness: &Harness<'_, Window>) -> Option<Protocol> {
@@ -287,7 +287,7 @@ fn a_dream_rides_beside_the_real_car_and_its_drift_is_shown() {
     backstage.slots.rollout.put(RolloutView { frame: frame(80), step: 3, since: 3, drift: 0.125 });
     harness.run_steps(2);
     harness.get_by_label("Drift 12.5 %");
-    harness.get_by_label("The dream beside, 3 steps after it last saw the track");
+    harness.get_by_label("The dream beside, 3 steps after it last saw the world");
 }
 
 #[test]
@@ -370,10 +370,10 @@ fn nothing_held_outlasts_the_focus() {
     // The window system never tells of keys that are let go elsewhere, and may repeat those that are held still.
     harness.event(Event::WindowFocused(true));
     harness.run_steps(3);
-    assert_eq!(backstage.given(), Action::default(), "what was held before is not held again by itself");
+    assert_eq!(backstage.given(), [0.0; 3], "what was held before is not held again by itself");
     harness.key_down(Key::ArrowUp);
     harness.run_steps(2);
-    assert_eq!(backstage.given().gas, 1.0, "until it is pressed again");
+    assert_eq!(backstage.given()[1], 1.0, "until it is pressed again");
 }
 
 #[test]

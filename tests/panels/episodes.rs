@@ -15,7 +15,7 @@ fn summary(number: usize) -> Summary {
         info: EpisodeInfo { env: "car-racing".to_owned(), pilot: "person".to_owned(), seed: 7 },
         n_steps: 100 * (number + 1),
         n_planned: 20 * number,
-        grass: 0.03 * number as f64,
+        events: vec![("grass".to_owned(), 0.03 * number as f64)],
         done: number == 1,
         began_secs: 1_795_342_500 + 600 * number as i64,
     }
@@ -54,13 +54,13 @@ fn recordings(dir: &Path, picture: bool) -> (Harness<'static, Window>, Backstage
 
 /// Clicks on the last episode, which is read.
 fn open(harness: &mut Harness<'_, Window>, backstage: &Backstage) {
-    harness.get_by_label("Episode 2: 300 steps · 6 % off · shared").click();
+    harness.get_by_label("Episode 2: 300 steps · 6 % unsafe · shared").click();
     harness.run_steps(2);
     backstage.report(Report::Record(RecordReport::Opened(OpenEpisode {
         recording: "take-2".to_owned(),
-        actions: (0..300).map(|t| Action::new((t as f32 / 20.0).sin(), 0.1, 0.0)).collect(),
+        actions: (0..300).map(|t| Action::new([(t as f32 / 20.0).sin(), 0.1, 0.0])).collect(),
         rewards: vec![0.0; 300],
-        grass: vec![40..58, 200..203],
+        unsafe_steps: vec![40..58, 200..203],
         planned: vec![100..140, 160..180],
     })));
     harness.run_steps(2);
@@ -106,7 +106,7 @@ fn a_recorded_episode_is_looked_at_again_step_by_step() {
         press(&mut harness, key);
     }
     assert_eq!(asked(&backstage), ["look 1", "look 2", "look 1"]);
-    harness.get_by_label("At the wheel person");
+    harness.get_by_label("In control person");
     press(&mut harness, Key::P);
     harness.run_steps(20);
     assert!(asked(&backstage).len() > 10, "it plays");
@@ -135,7 +135,7 @@ fn a_recorded_episode_is_looked_at_again_step_by_step() {
     assert_eq!(asked(&backstage).last().unwrap(), "open take-1");
     press(&mut harness, Key::Escape);
     assert_eq!(asked(&backstage), ["close"]);
-    harness.get_by_label("The track");
+    harness.get_by_label("The real world");
 }
 
 #[test]

@@ -75,10 +75,10 @@ fn a_changed_key_drives() {
     press(&mut harness, Key::Escape);
     harness.key_down(Key::W);
     harness.run_steps(2);
-    assert_eq!(backstage.given(), Action::default());
+    assert_eq!(backstage.given(), [0.0; 3]);
     harness.key_down(Key::I);
     harness.run_steps(2);
-    assert_eq!(backstage.given(), Action::new(0.0, 1.0, 0.0));
+    assert_eq!(backstage.given(), Action::new([0.0, 1.0, 0.0]));
 }
 
 /// What the system keeps for a program.

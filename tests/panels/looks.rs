@@ -1,10 +1,10 @@
 //! Pictures of every panel in both themes, for the eye: `UPDATE_SNAPSHOTS=1` makes them anew.
 
-use dropj::env::Outcome;
 use dropj::evaluation::Tally;
 use dropj::query::DreamId;
 use dropj::tensor::Parameters;
 use dropj::worker::{CandidateView, DreamRewards, DriveView, Learning, Promise, ReviewView, RolloutView};
+use dropj::world::{Happened, Status, Step};
 use eframe::egui::Theme;
 use egui_kittest::SnapshotResults;
 
@@ -164,8 +164,10 @@ pub(crate) fn driving() -> DriveView {
         predicted_return: 0.1 * i as f32,
         frames: vec![frame(10 * i)],
     };
-    let mut tally = Tally::default();
-    tally.add(&Outcome { reward: 10.0, ..Outcome::default() }, Some(0.004));
+    let spec = WorldSpec::default();
+    let mut tally = Tally::of(&spec.events);
+    let events = vec![Happened::default(); spec.events.len()];
+    tally.add(&Step { frame: frame(90), reward: Some(10.0), events, executed: None, end: None }, Some(0.004));
     DriveView {
         frame: frame(90),
         picture: (4, 3, vec![120; 36].into()),
@@ -174,7 +176,7 @@ pub(crate) fn driving() -> DriveView {
         candidates: (0..15).map(candidate).collect(),
         chosen: 6,
         plan_ms: 4.0,
-        wheels_off: 0,
+        status: Some(Status { text: "0 of 4 wheels off the road".to_owned(), is_fine: true }),
     }
 }
 

@@ -8,6 +8,7 @@
 
 mod query_selection;
 mod cockpit;
+mod worlds;
 mod predictions;
 mod journeys;
 mod keys;
@@ -26,8 +27,6 @@ use std::sync::{Arc, Mutex};
 
 use dropj::app::{FirstWorld, Panel, Startup};
 use dropj::dream::DreamEpisode;
-use dropj::env::controls::Pad;
-use dropj::env::{Action, CarRacing, Frame, Seed};
 use dropj::planner::PlannerConfig;
 use dropj::planner::synthesis::SynthesisConfig;
 use dropj::query::{Preference, Protocol, QueryId, Response, SEGMENT_LEN, SafetyAnswer, SkipReason, Verdict};
@@ -39,6 +38,9 @@ use dropj::worker::{
     LoadedWorld, RecordReport, RecorderCommand, Report, RewardReport, SessionWriter, Slots, Threads,
     TrainerCommand, WorkerCommand, WorkerConfig, WorkerError, WorkerFailure, WorkerName, Workers,
 };
+use dropj::world::cars::{Aids, CarWorld};
+use dropj::world::controls::Pad;
+use dropj::world::{Action, Frame, WorldSpec};
 use dropj::world_model::fit::FitConfig;
 use dropj::world_model::{LatentState, WorldModelConfig, untrained};
 use eframe::Storage;
@@ -159,7 +161,7 @@ fn frame(shade: usize) -> Frame {
         let is_road = x.abs_diff(side / 2) < 3 + (y + shade / 16) % 6;
         if is_road { [shade as u8; 3] } else { [60, 130, 70] }
     };
-    Frame::new(side as u32, (0..side * side).flat_map(pixel).collect::<Vec<_>>())
+    Frame::square(side as u32, (0..side * side).flat_map(pixel).collect::<Vec<_>>())
 }
 
 fn world() -> LoadedWorld {
@@ -189,7 +191,7 @@ fn dream(n: usize) -> DreamEpisode {
     let mut episode = DreamEpisode::new(start, 7);
     for _ in 0..n {
         episode.zs.push(&[0.1; 4]);
-        episode.actions.push(Action::default());
+        episode.actions.push(Action::new([0.0; 3]));
     }
     episode
 }
@@ -232,9 +234,22 @@ fn window_at(
     storage: Option<&'static dyn Storage>,
     scale: f32,
 ) -> (Harness<'static, Window>, Backstage) {
+    window_of(Arc::default(), dir, session, size, picture, storage, scale)
+}
+
+/// The same about another world.
+fn window_of(
+    spec: Arc<WorldSpec>,
+    dir: &Path,
+    session: Option<SessionStore>,
+    size: Vec2,
+    picture: bool,
+    storage: Option<&'static dyn Storage>,
+    scale: f32,
+) -> (Harness<'static, Window>, Backstage) {
     let backstage = Backstage::default();
     let has_session = session.is_some();
-    let startup = startup(dir, session, &backstage);
+    let startup = startup_of(spec, dir, session, &backstage);
     let builder = Harness::builder().with_size(size).with_step_dt(0.04).with_pixels_per_point(scale);
     let options = SnapshotOptions::new().max_failed_pixels(N_OTHER_PIXELS);
     let builder = builder.with_options(options);
@@ -263,9 +278,20 @@ fn wait_for(harness: &mut Harness<'_, Window>, is_there: impl Fn(&Harness<'_, Wi
 
 /// What a window in a test begins with.
 fn startup(dir: &Path, session: Option<SessionStore>, backstage: &Backstage) -> WindowStartup {
+    startup_of(Arc::default(), dir, session, backstage)
+}
+
+/// What a window about a world begins with.
+fn startup_of(
+    spec: Arc<WorldSpec>,
+    dir: &Path,
+    session: Option<SessionStore>,
+    backstage: &Backstage,
+) -> WindowStartup {
     let inner = backstage.clone();
     let app = Startup {
-        env: "car-racing".to_owned(),
+        spec,
+        spec_file: None,
         sessions: dir.to_owned(),
         dataset: "recordings".into(),
         world: FirstWorld::Here(Ok(Box::new(world()))),
@@ -288,12 +314,12 @@ fn failed(worker: WorkerName, message: &str) -> Report {
 /// Those who read files.
 fn worker_config() -> WorkerConfig {
     WorkerConfig {
-        env: Box::new(|_| Box::new(CarRacing::new(Seed::Native(0)))),
-        env_name: "car-racing".to_owned(),
+        open: Arc::new(|_| Ok(Box::new(CarWorld::open("car-racing", Aids::NONE).unwrap()))),
+        spec: Arc::default(),
         world: WorldModelConfig::car_racing(),
         fit: FitConfig::full(),
         reward: RewardConfig::car_racing(),
-        planner: PlannerConfig::car_racing(),
+        planner: PlannerConfig::of(&WorldSpec::default(), None),
         synthesis: SynthesisConfig::paper(),
         load: Arc::new(|path| match std::fs::read_to_string(path) {
             Ok(text) if text == "another" => Ok(toy(1)),
@@ -535,10 +561,10 @@ fn held_keys_drive_until_they_are_released() {
     harness.key_down(Key::ArrowLeft);
     harness.key_down(Key::W);
     harness.run_steps(3);
-    assert_eq!(backstage.given(), Action::new(-1.0, 1.0, 0.0));
+    assert_eq!(backstage.given(), Action::new([-1.0, 1.0, 0.0]));
     harness.key_up(Key::ArrowLeft);
     harness.run_steps(1);
-    assert_eq!(backstage.given(), Action::new(0.0, 1.0, 0.0));
+    assert_eq!(backstage.given(), Action::new([0.0, 1.0, 0.0]));
 }
 
 #[test]
@@ -547,10 +573,10 @@ fn losing_the_focus_lets_go_of_all_keys() {
     let (mut harness, backstage) = dreaming(dir.path());
     harness.key_down(Key::ArrowUp);
     harness.run_steps(2);
-    assert_eq!(backstage.given().gas, 1.0);
+    assert_eq!(backstage.given()[1], 1.0);
     harness.event(Event::WindowFocused(false));
     harness.run_steps(2);
-    assert_eq!(backstage.given(), Action::default());
+    assert_eq!(backstage.given(), [0.0; 3]);
 }
 
 #[test]
@@ -561,10 +587,10 @@ fn unplugging_a_pad_lets_go_of_it_and_says_so() {
     let name = || "Test pad".to_owned();
     backstage.pad.lock().unwrap().extend([PadEvent::Connected(name()), PadEvent::Moved(pad)]);
     harness.run_steps(2);
-    assert_eq!(backstage.given(), Action::new(1.0, 1.0, 0.0));
+    assert_eq!(backstage.given(), Action::new([1.0, 1.0, 0.0]));
     backstage.pad.lock().unwrap().push(PadEvent::Disconnected(name()));
     harness.run_steps(2);
-    assert_eq!(backstage.given(), Action::default());
+    assert_eq!(backstage.given(), [0.0; 3]);
     harness.get_by_label_contains("Test pad was unplugged");
 }
 
@@ -622,14 +648,14 @@ fn view(step: usize) -> LiveView {
         frame: frame(90),
         picture: None,
         step,
-        action: Action::default(),
+        action: Action::new([0.0; 3]),
         steps_per_sec: 50.0,
         pictures_per_sec: 25.0,
         n_late: 0,
         is_paused: false,
         n_unsafe_marks: 0,
         is_planned: false,
-        wheels_off: None,
+        status: None,
     }
 }
 
@@ -678,7 +704,7 @@ fn a_worker_that_fails_is_a_sentence_in_the_window() {
     let error = WorkerError::Panicked("no message".to_owned());
     backstage.report(Report::Failed(WorkerFailure { worker: WorkerName::Dreamer, error }));
     harness.run_steps(2);
-    harness.get_by_label("Drive");
+    harness.get_by_label("Begin");
     harness.get_by_label("Restart").click();
     harness.run_steps(2);
     assert!(harness.query_by_label("Restart").is_none(), "what was done about needs no more doing");

@@ -4,8 +4,8 @@ use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
 use dropj::dataset::{Dataset, EpisodeInfo, StepRecord};
-use dropj::env::End;
 use dropj::session::{Answer, Event as SessionEvent, hand_on};
+use dropj::world::End;
 use eframe::egui::DroppedFile;
 
 use super::looks::has_adapter;
@@ -159,20 +159,21 @@ fn recordings_sessions_and_world_models_are_taken_in_from_elsewhere() {
         let folder = elsewhere.path().join(name);
         let mut dataset = Dataset::create_or_open(&folder, env).unwrap();
         let info = EpisodeInfo { env: env.to_owned(), pilot: "anna".to_owned(), seed: 1 };
-        let mut recording = dataset.begin(info).unwrap();
+        let mut spec = WorldSpec::built_in(env).unwrap();
+        (spec.image.height, spec.image.width) = (24, 24);
+        let mut recording = dataset.begin_with(info, &dropj::dataset::Layout::of(&spec, &[])).unwrap();
         for t in 0..7 {
             let step = StepRecord {
                 frame: frame(t),
-                action: Action::default(),
+                action: Action::new(spec.neutral()),
                 reward: 0.0,
-                contacts: None,
-                grass: false,
+                events: vec![false; spec.events.len()],
                 wall_time_ns: 0,
                 state: Vec::new(),
             };
             recording.push(&step).unwrap();
         }
-        dataset.seal(recording, &frame(7), Some(End::TimeLimit)).unwrap();
+        dataset.seal(recording, &frame(7), Some(End::Truncated)).unwrap();
         folder
     };
     drop_on(&mut harness, &recordings("mine", "car-racing"));

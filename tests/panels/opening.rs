@@ -111,7 +111,7 @@ fn the_list_of_sessions_fills_in_while_the_window_goes_on() {
         let at = 1_795_342_500_000 + 1000 * secs as u64;
         let header = Header::new("dummy-road", Protocol::Drope, 5, &world().parameters.hash(), at);
         let mut store = SessionStore::create(&dir.path().join(name), header).unwrap();
-        let weights = dropj::query::Weights::car_racing();
+        let weights = dropj::query::Weights::paper();
         store.record_at(dropj::session::Event::WeightsChanged { weights }, at).unwrap();
     }
     std::fs::write(dir.path().join("broken/session.json"), "{").unwrap();

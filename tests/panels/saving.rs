@@ -137,7 +137,7 @@ fn where_no_session_can_be_kept_it_is_said_before_anybody_drives() {
     let (file, other) = (dir.path().join("sessions"), dir.path().join("other"));
     fs::write(&file, "not a folder").unwrap();
     let (mut harness, backstage) = window(&file, None, vec2(1280.0, 800.0), false);
-    assert!(says(&harness, "There is no place to keep what is driven and answered"));
+    assert!(says(&harness, "There is no place to keep what is done and answered"));
     assert!(says(&harness, "no place to save"));
     press(&mut harness, Key::Enter);
     let orders = backstage.orders();
@@ -166,7 +166,7 @@ fn where_no_session_can_be_kept_it_is_said_before_anybody_drives() {
 #[test]
 fn a_disk_that_takes_no_files_is_told_of_before_anybody_drives() {
     let (mut harness, backstage) = window(Path::new("/proc/sessions"), None, vec2(1280.0, 800.0), false);
-    assert!(says(&harness, "There is no place to keep what is driven and answered"));
+    assert!(says(&harness, "There is no place to keep what is done and answered"));
     press(&mut harness, Key::Enter);
     let orders = backstage.orders();
     let is_start =

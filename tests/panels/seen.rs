@@ -423,15 +423,15 @@ fn unplugging_another_pad_lets_go_of_nothing() {
     ]);
     harness.key_down(Key::ArrowDown);
     harness.run_steps(2);
-    let held = Action::new(1.0, 1.0, 0.8);
+    let held = Action::new([1.0, 1.0, 0.8]);
     assert_eq!(backstage.given(), held);
     backstage.pad.lock().unwrap().push(PadEvent::Disconnected(other));
     harness.run_steps(2);
     assert_eq!(backstage.given(), held);
-    harness.get_by_label_contains("Pad (2) was unplugged, and Pad has the wheel still");
+    harness.get_by_label_contains("Pad (2) was unplugged, and Pad controls still");
     backstage.pad.lock().unwrap().extend([PadEvent::Moved(Pad::default()), PadEvent::Disconnected(one)]);
     harness.run_steps(2);
-    assert_eq!(backstage.given(), Action::new(0.0, 0.0, 0.8), "keys are held still");
+    assert_eq!(backstage.given(), Action::new([0.0, 0.0, 0.8]), "keys are held still");
 }
 
 #[test]

@@ -132,7 +132,7 @@ fn making_can_be_stopped_fails_in_a_sentence_and_goes_on_when_wanted() {
 fn from_choosing_request_to_three_verdicts_and_a_replay() {
     let dir = tempfile::tempdir().unwrap();
     let config = WorkerConfig {
-        env_name: "dummy-road".to_owned(),
+        spec: Arc::new(WorldSpec::of_name("dummy-road")),
         world: WorldModelConfig::tiny(),
         reward: RewardConfig::tiny(),
         synthesis: SynthesisConfig { iterations: 3, ..SynthesisConfig::paper() },

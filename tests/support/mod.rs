@@ -1,7 +1,9 @@
 //! A toy world and a person to go with it, so that all four steps run in seconds.
 
-use dropj::env::{Action, End, Env, Events, Frame, Outcome, Seed, Truth};
 use dropj::query::{Preference, SafetyAnswer};
+use dropj::world::End;
+use dropj::world::Frame;
+use dropj::world::cars::{CarAction, CarWorld, Env, Events, Outcome, Seed, Truth};
 
 /// Pixels a side, as the tiny world model wants.
 const SIDE: usize = 20;
@@ -18,6 +20,11 @@ pub(crate) struct DummyRoad {
 impl DummyRoad {
     /// Steps of an episode.
     pub(crate) const LEN: usize = 120;
+
+    /// The road as a world.
+    pub(crate) fn world() -> CarWorld {
+        CarWorld::of("dummy-road", Self::default())
+    }
 }
 
 impl Env for DummyRoad {
@@ -27,7 +34,7 @@ impl Env for DummyRoad {
         *self = Self { lateral: 0.0, wind, t: 0 };
     }
 
-    fn advance(&mut self, action: Action) -> Outcome {
+    fn advance(&mut self, action: CarAction) -> Outcome {
         self.t += 1;
         if self.t.is_multiple_of(40) {
             self.wind = -self.wind;
@@ -35,7 +42,7 @@ impl Env for DummyRoad {
         self.lateral = (self.lateral + 0.12 * action.steer + self.wind).clamp(-2.0, 2.0);
         let grass = self.lateral.abs() > 1.0;
         let events = Events { grass, new_tile: !grass, ..Events::default() };
-        let end = (self.t == Self::LEN).then_some(End::TimeLimit);
+        let end = (self.t == Self::LEN).then_some(End::Truncated);
         Outcome { reward: if grass { -1.0 } else { 10.0 }, events, end }
     }
 
@@ -47,7 +54,7 @@ impl Env for DummyRoad {
             let is_road = (x + self.lateral).abs() < 1.0;
             pixel.copy_from_slice(if is_road { &[110, 110, 110] } else { &[80, 220, 80] });
         }
-        Frame::new(SIDE as u32, rgb)
+        Frame::square(SIDE as u32, rgb)
     }
 
     fn sensors(&self) -> &'static [&'static str] {

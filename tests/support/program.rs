@@ -43,7 +43,7 @@ impl Ran {
 /// Runs the program in `dir` with these arguments.
 pub(crate) fn dropj<S: AsRef<OsStr>>(dir: &Path, args: impl IntoIterator<Item = S>) -> Ran {
     let output = Command::new(env!("CARGO_BIN_EXE_dropj")).current_dir(dir).args(args).output();
-    let Output { status, stdout, stderr } = output.unwrap();
+    let Output { status, stdout, stderr } = output.expect("it ends and is read");
     let text = |bytes: Vec<u8>| String::from_utf8_lossy(&bytes).into_owned();
     Ran { code: status.code(), out: text(stdout), err: text(stderr) }
 }

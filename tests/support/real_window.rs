@@ -5,7 +5,6 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use dropj::app::{FirstWorld, Startup};
-use dropj::env::{CarRacing, Seed};
 use dropj::planner::PlannerConfig;
 use dropj::planner::synthesis::SynthesisConfig;
 use dropj::reward::RewardConfig;
@@ -14,6 +13,8 @@ use dropj::session::SessionStore;
 use dropj::tensor::from_slice;
 use dropj::ui::{NoPads, Window, WindowStartup};
 use dropj::worker::{DreamStart, LoadedWorld, Threads, WorkerConfig};
+use dropj::world::WorldSpec;
+use dropj::world::cars::{Aids, CarWorld};
 use dropj::world_model::fit::FitConfig;
 use dropj::world_model::{WorldModel, WorldModelConfig};
 use eframe::egui::vec2;
@@ -26,17 +27,18 @@ pub(crate) const FRAME: Duration = Duration::from_millis(20);
 pub(crate) fn real_window(dir: &Path, session: Option<SessionStore>) -> Harness<'static, Window> {
     let world = Path::new(env!("CARGO_MANIFEST_DIR")).join("assets/world-car-racing.safetensors");
     let config = WorkerConfig {
-        env: Box::new(|_| Box::new(CarRacing::new(Seed::Native(0)))),
-        env_name: "car-racing".to_owned(),
+        open: Arc::new(|_| Ok(Box::new(CarWorld::open("car-racing", Aids::NONE).unwrap()))),
+        spec: Arc::default(),
         world: WorldModelConfig::car_racing(),
         fit: FitConfig::full(),
         reward: RewardConfig::car_racing(),
-        planner: PlannerConfig::car_racing(),
+        planner: PlannerConfig::of(&WorldSpec::default(), None),
         synthesis: SynthesisConfig::paper(),
         load: Arc::new(|path| Ok(load(path))),
     };
     let app = Startup {
-        env: "car-racing".to_owned(),
+        spec: Arc::default(),
+        spec_file: None,
         sessions: dir.to_owned(),
         dataset: dir.join("recordings"),
         world: FirstWorld::In(world),

@@ -45,6 +45,9 @@ class Toy:
         self.t += 1
         self.laps += self.t % 10 == 0
 
+    def act(self):
+        return [-40 * self.at, 256 + self.t]
+
     def off(self):
         return abs(self.at) > 1 / 3
 
@@ -65,7 +68,7 @@ def hello():
     return {
         "type": "hello", "protocol": 1, "name": "toy/World v1", "image": {"height": HEIGHT, "width": WIDTH},
         "axes": [{"name": "push", "low": -2.5, "high": 0.5}, {"name": "lift", "low": 0, "high": 512, "neutral": 256}],
-        "hertz": 12.5, "longest_episode": LAST, "versions": {"python": sys.version.split()[0]}, "unknown": [1],
+        "hertz": 12.5, "longest_episode": LAST, "versions": {"python": sys.version.split()[0]}, "unknown": [1], "policy": FAULT != "no-policy",
         "events": [{"name": "off", "kind": "safety", "field": "off"}],
     }
 
@@ -117,6 +120,14 @@ def fault_at_step(toy, frame, pixels):
         time.sleep(60)
     if FAULT == "print":
         write(b"step 1 of 40\n")
+    if FAULT == "action-unasked":
+        send({"type": "action", "n": frame["n"], "action": [0, 256]})
+    if FAULT == "executed":
+        frame = dict(frame, action=[-1.5, 1000])
+    if FAULT == "executed-short":
+        frame = dict(frame, action=[-1.5])
+    if FAULT == "executed-nan":
+        frame = dict(frame, action=[float("nan"), 256])
     if FAULT == "wrong-size":
         frame, pixels = dict(frame, height=HEIGHT + 1), pixels + bytes(WIDTH * 3)
     if FAULT == "few-pixels":
@@ -142,6 +153,29 @@ def fault_at_step(toy, frame, pixels):
     send(frame, pixels)
 
 
+def answer_to_act(toy, n):
+    action = toy.act()
+    if FAULT == "act-far":
+        action = [-99, 1e9]
+    if FAULT == "act-short":
+        action = action[:1]
+    if FAULT == "act-overflow":
+        action = [1e300, 256]
+    if FAULT == "act-infinite":
+        action = [float("inf"), 256]
+    if FAULT == "act-text":
+        action = "left"
+    if FAULT == "act-frame":
+        return send(toy.frame([], n), toy.picture())
+    if FAULT == "act-other":
+        n -= 1
+    if FAULT == "act-hang":
+        time.sleep(60)
+    if FAULT == "act-exit":
+        sys.exit("the policy's file is not there")
+    send({"type": "action", "n": n, "action": action})
+
+
 def main():
     fault_at_start()
     send(hello())
@@ -156,6 +190,8 @@ def main():
             asked = request["fields"]
             toy.reset(request["seed"])
             send(toy.frame(asked, request["n"]), toy.picture())
+        elif request["type"] == "act":
+            answer_to_act(toy, request["n"])
         else:
             toy.step(*request["action"])
             fault_at_step(toy, toy.frame(asked, request["n"], -1.0 if toy.off() else 0.5), toy.picture())

@@ -21,7 +21,10 @@ class Box:
         self.names, self.neutral = names, neutral
 
 
-def serve(env, *, axes=None, neutral=None, size=None, pixels=None, hertz=None, fields=None, safety=(), progress=(), name=None):
+def serve(
+    env, *, axes=None, neutral=None, size=None, pixels=None, hertz=None, fields=None, safety=(), progress=(), policy=None,
+    executed=None, name=None,
+):
     """Serves env until dropj ends it.
 
     env       a gymnasium.Env, or what has its action_space, reset and step; or a function that makes one
@@ -33,18 +36,24 @@ def serve(env, *, axes=None, neutral=None, size=None, pixels=None, hertz=None, f
     hertz     steps a second of the world's time; metadata["render_fps"] is often another number
     fields    more that can be told of a step than is in info: {name: function of env}
     safety    fields that say that something bad happens, progress: that something good does; for a first world.toml
+    policy    what would be done here, for recordings: a function of env and a random generator of NumPy that the seed of
+              the episode decides, or an object with reset(env, rng) and act(env); each returns an action
+    executed  what was executed in a step, where that is not what was asked (a safety filter, a human at the robot): an
+              entry of info, or a function of env; None where it was
     """
     _channel.take()
     try:
         if isinstance(env, type) or not hasattr(env, "step"):
             env = env()
-        world = _World(env, axes, neutral, size, pixels, hertz, fields or {}, safety, progress, name)
+        world = _World(env, axes, neutral, size, pixels, hertz, fields or {}, safety, progress, policy, executed, name)
         _channel.send(world.hello())
         for request in _channel.requests():
             if request["type"] == "reset":
                 header, picture = world.reset(request["seed"], request.get("fields", []))
             elif request["type"] == "step":
                 header, picture = world.step(request["action"])
+            elif request["type"] == "act":
+                header, picture = world.act(), b""
             else:
                 raise ValueError(f"there is no request {request['type']!r}")
             _channel.send({"n": request["n"], **header}, picture)
@@ -59,12 +68,13 @@ def serve(env, *, axes=None, neutral=None, size=None, pixels=None, hertz=None, f
 
 
 class _World:
-    def __init__(self, env, axes, neutral, size, pixels, hertz, fields, safety, progress, name):
+    def __init__(self, env, axes, neutral, size, pixels, hertz, fields, safety, progress, policy, executed, name):
         import numpy
 
         self.np, self.env, self.size, self.pixels = numpy, env, size, pixels
         self.hertz, self.extra, self.told = hertz, fields, []
         self.safety, self.progress, self.name = safety, progress, name
+        self.policy, self.executed, self.advice = _policy(policy), executed, None
         self.weights, self.takes_seed = {}, True
         self.space = _box(numpy, env.action_space)
         self.low = numpy.asarray(self.space.low, float).ravel()
@@ -104,6 +114,7 @@ class _World:
             "longest_episode": getattr(spec, "max_episode_steps", None),
             "events": events,
             "versions": _versions(self.env),
+            "policy": self.policy is not None,
         }
 
     def picture_size(self):
@@ -113,15 +124,34 @@ class _World:
         return self.picture(self.first(0)[0]).shape[:2]
 
     def first(self, seed):
-        observed = self.env.reset(seed=seed) if self.takes_seed else self.env.reset()
+        # Many worlds take no seed of more than 32 bits.
+        observed = self.env.reset(seed=seed % 2**32) if self.takes_seed else self.env.reset()
         return observed if isinstance(observed, tuple) else (observed, {})
 
     def reset(self, seed, fields):
-        self.told = fields
+        self.told, self.advice = fields, None
         observed, info = self.first(seed)
+        if self.policy is not None:
+            # Another stream than the world's own, which the same seed decides.
+            self.policy.reset(self.env, self.np.random.default_rng([seed, 1]))
         return self.frame(observed, None, False, False, info)
 
+    def act(self):
+        if self.policy is None:
+            raise ValueError("this world has no policy")
+        if self.advice is None:  # asked twice at one moment, it says the same
+            self.advice = self.action(self.policy.act(self.env), "the policy's action")
+        return {"type": "action", "action": self.advice}
+
+    def action(self, action, what):
+        """An action as JSON has it."""
+        action = self.np.asarray(action, float).ravel()
+        if len(action) != len(self.low) or not self.np.isfinite(action).all():
+            raise ValueError(f"{what} is {action.tolist()}, and {len(self.low)} finite numbers are needed")
+        return action.tolist()
+
     def step(self, action):
+        self.advice = None
         action = self.np.asarray(action, self.space.dtype).reshape(self.space.shape)
         result = self.env.step(action)
         if len(result) == 6:  # safety-gymnasium has costs beside rewards
@@ -131,7 +161,11 @@ class _World:
             observed, reward, terminated, truncated, info = result
         else:
             raise ValueError(f"step returns {len(result)} values, and gymnasium's five are needed")
-        return self.frame(observed, reward, terminated, truncated, info)
+        header, picture = self.frame(observed, reward, terminated, truncated, info)
+        if self.executed is not None:
+            done = self.executed(self.env) if callable(self.executed) else _found(info, self.executed)
+            header["action"] = None if done is None else self.action(done, "the executed action")
+        return header, picture
 
     def frame(self, observed, reward, terminated, truncated, info):
         picture = self.picture(observed)
@@ -202,6 +236,29 @@ class _World:
             shared = self.np.minimum(high, pixels + 1) - self.np.maximum(low, pixels)
             self.weights[n, to] = (self.np.clip(shared, 0, None) * (to / n)).astype(self.np.float32)
         return self.weights[n, to]
+
+
+class _Function:
+    """A policy that is a function."""
+
+    def __init__(self, function):
+        self.function = function
+
+    def reset(self, env, rng):
+        self.rng = rng
+
+    def act(self, env):
+        return self.function(env, self.rng)
+
+
+def _policy(policy):
+    if isinstance(policy, type):
+        policy = policy()
+    if policy is None or hasattr(policy, "act"):
+        return policy
+    if not callable(policy):
+        raise TypeError(f"the policy is {_kind(policy)}: a function of env and rng is needed, or an object with reset and act")
+    return _Function(policy)
 
 
 def _box(np, space):

@@ -20,12 +20,15 @@ class Robot:
         return self.look(), {}
 
     def step(self, action):
-        self.drive(*action)
+        speed, turn = action
+        if self.x > 0.9:
+            speed = min(speed, 0.1)  # a safety filter: what is executed is not what was asked
+        self.drive(speed, turn)
         self.steps += 1
         self.due = max(self.due + self.period, time.monotonic())  # an even beat, however long dropj thought
         time.sleep(max(0.0, self.due - time.monotonic()))
         bumped = abs(self.x) > 1.0
-        return self.look(), None, bumped, self.steps >= 600, {"bumped": bumped, "x": self.x}
+        return self.look(), None, bumped, self.steps >= 600, {"bumped": bumped, "x": self.x, "executed": [speed, turn]}
 
     def drive(self, speed, turn):
         self.x += float(speed) * self.period  # motors.set(speed, turn)
@@ -39,5 +42,10 @@ class Robot:
         self.drive(0.0, 0.0)  # whatever happened, it stops
 
 
+def wander(robot, rng):
+    """What it does where dropj records it by itself."""
+    return rng.uniform(robot.action_space.low, robot.action_space.high)
+
+
 if __name__ == "__main__":
-    dropj.serve(Robot(), hertz=10, size=(48, 64), safety=["bumped"])
+    dropj.serve(Robot(), hertz=10, size=(48, 64), safety=["bumped"], policy=wander, executed="executed")

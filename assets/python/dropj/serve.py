@@ -23,6 +23,8 @@ def main():
     parser.add_argument("--neutral", type=json.loads, metavar="[A,B]", help="the action while nobody does anything")
     parser.add_argument("--safety", type=_names, default=[], metavar="A,B", help="fields of info that say what is bad")
     parser.add_argument("--progress", type=_names, default=[], metavar="A,B", help="fields of info that say what is good")
+    parser.add_argument("--policy", metavar="FILE:FUNCTION", help="a function of env and rng that returns an action, for recordings")
+    parser.add_argument("--executed", metavar="A", help="the entry of info that says what was executed in place of the action")
     options = parser.parse_args()
     if "DROPJ_PROTOCOL" not in os.environ and _channel._output is None and sys.stdin.isatty():
         parser.error("this is started by dropj: dropj world new --process 'python -m dropj.serve " + options.id + "'")
@@ -38,6 +40,8 @@ def main():
         hertz=options.hertz,
         safety=options.safety,
         progress=options.progress,
+        policy=_named(options.policy) if options.policy else None,
+        executed=options.executed,
         name=options.id,
     )
 
@@ -54,13 +58,19 @@ def _make(options):
     except TypeError:  # it takes no render_mode
         env = gymnasium.make(options.id, **options.config)
     if options.wrap:
-        path, _, function = options.wrap.rpartition(":")
-        module = types.ModuleType("wrap")
-        module.__file__ = path
-        with open(path) as file:
-            exec(compile(file.read(), path, "exec"), module.__dict__)
-        env = getattr(module, function)(env)
+        env = _named(options.wrap)(env)
     return env
+
+
+def _named(text):
+    """What FILE:FUNCTION names."""
+    path, _, name = text.rpartition(":")
+    module = types.ModuleType("dropj_" + os.path.splitext(os.path.basename(path))[0])
+    module.__file__ = path
+    sys.modules[module.__name__] = module
+    with open(path) as file:
+        exec(compile(file.read(), path, "exec"), module.__dict__)
+    return getattr(module, name)
 
 
 def _size(text):

@@ -6,11 +6,11 @@ pub(crate) use review::{Reviewing, resting};
 
 use crate::app::{App, Command, Effect, Picture, SessionCommand};
 use crate::dream::DreamEpisode;
-use crate::env::Action;
 use crate::planner::synthesis::Acquisition;
 use crate::query::{DreamId, Protocol, SEGMENT_LEN};
 use crate::session::{DreamJournal, DreamSource, SessionError};
 use crate::worker::{DreamReport, DreamerCommand, LiveView, SessionWriterCommand, WorkerCommand};
+use crate::world::Action;
 
 /// On dreams.
 #[derive(Clone, Debug, PartialEq)]
@@ -147,7 +147,7 @@ impl App {
             return;
         }
         if self.state.open.is_none() {
-            self.state.dream.is_starting = self.new_session(Protocol::of_env(&self.state.env));
+            self.state.dream.is_starting = self.new_session(Protocol::of(&self.state.spec));
             return;
         }
         self.open_journal();
@@ -249,7 +249,7 @@ impl App {
         let n = self.state.unfinished.len();
         if n > 0 {
             let dreams = super::counted(n, "dream");
-            let text = format!("{dreams} survived a program that was ended while driving");
+            let text = format!("{dreams} survived a program that was ended meanwhile");
             let ways =
                 [("Keep", SessionCommand::RecoverDreams), ("Throw away", SessionCommand::DiscardDreams)];
             self.offer(text, ways.map(|(name, command)| (name.to_owned(), Command::Session(command))).into());

@@ -123,12 +123,13 @@ impl App {
             let last = self.state.reviewable().pop();
             self.state.review.dream = last;
         }
+        let rate = self.state.spec.rate;
         let review = &mut self.state.review;
         let Some((id, episode)) = review.dream.and_then(|id| Some((id, review.episodes.get(&id)?.clone())))
         else {
             return;
         };
-        review.head.pass(dt.min(0.25), episode.len());
+        review.head.pass(dt.min(0.25), rate, episode.len());
         let wanted = Some((id, review.step()));
         if review.asked == wanted {
             return;

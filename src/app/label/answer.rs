@@ -4,12 +4,12 @@ use crate::app::label::pair::Pair;
 use crate::app::label::query_selection::is_held_back;
 use crate::app::label::seen::Shown;
 use crate::app::{App, Panel, Tick};
-use crate::env::Frame;
 use crate::query::{
     JudgedTransition, Preference, Protocol, Query, QueryId, Response, SafetyAnswer, SegmentRef, SkipReason,
 };
 use crate::session::{Answer, Choice, Event, Session};
 use crate::worker::{ClipperCommand, TrainerCommand, WorkerCommand};
+use crate::world::Frame;
 
 /// Queries that are drawn before they are needed.
 const N_AHEAD: usize = 5;
@@ -287,14 +287,14 @@ impl App {
         }
         let now = self.state.now;
         let has_focus = tick.has_focus && !self.state.is_covered();
-        let span = self.state.span();
+        let (span, rate) = (self.state.span(), self.state.clip_rate());
         let label = &mut self.state.label;
         let is_ready = label.shown.is_some();
         if is_ready {
             label.clock.pass(now, has_focus);
         }
         if is_ready && !label.is_standing && !label.clock.is_away(now) {
-            label.playhead += tick.dt.min(0.25) * label.speed;
+            label.playhead += tick.dt.min(0.25) * rate;
             let end = span.end + REST;
             if label.playhead >= end {
                 label.playhead = span.start + (label.playhead - end) % (end - span.start);

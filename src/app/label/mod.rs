@@ -125,7 +125,7 @@ pub(crate) struct Labeling {
     /// How often they were seen to their end.
     pub loops: u32,
     pub is_standing: bool,
-    /// Frames a second.
+    /// Frames a second, where the world has [`NORMAL_SPEED`] or more: see [`State::clip_rate`].
     pub speed: f64,
     /// Whether the questions come one at a time.
     pub is_guided: bool,
@@ -161,7 +161,8 @@ pub(crate) struct Labeling {
     pub predictions: Predictions,
 }
 
-/// Frames a second at which clips are played at first: as they were driven.
+/// Frames a second at which clips of a world of 25 Hz and more are played at first. Those of a slower one are played as
+/// fast as it goes.
 pub(crate) const NORMAL_SPEED: f64 = 25.0;
 /// Frames before the outcome of a transition that are played with it.
 const RUN_UP: usize = 7;
@@ -259,6 +260,11 @@ impl State {
             None => 0.0..SEGMENT_LEN as f64,
             Some((_, outcome)) => outcome.saturating_sub(RUN_UP) as f64..(outcome + 1) as f64,
         }
+    }
+
+    /// Frames a second at which clips are played.
+    pub(crate) fn clip_rate(&self) -> f64 {
+        self.label.speed * (self.spec.rate / NORMAL_SPEED).min(1.0)
     }
 
     /// The frame that is seen.

@@ -2,10 +2,10 @@
 
 use crate::app::label::pair::Pair;
 use crate::app::{App, Picture};
-use crate::env::Frame;
 use crate::query::{Query, QueryId};
 use crate::worker::clipper::MIDDLE;
 use crate::worker::{ClipperCommand, WorkerCommand};
+use crate::world::Frame;
 
 /// So many are kept at the most; those that are seen then are decoded again.
 const MOST: usize = 400;

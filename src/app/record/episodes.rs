@@ -252,9 +252,10 @@ impl App {
                 self.state.world.loaded.as_ref().map(|world| world.parameters.clone()).zip(reward);
             self.send(WorkerCommand::EpisodeBrowser(EpisodeBrowserCommand::Evaluate(evaluator)));
         }
+        let rate = self.state.spec.rate;
         let episodes = &mut self.state.episodes;
         let len = episodes.len();
-        episodes.head.pass(dt.min(0.25), len);
+        episodes.head.pass(dt.min(0.25), rate, len);
         let step = episodes.step();
         // Its first step is drawn when it is opened.
         if episodes.episode.is_some() && episodes.asked.replace(step).unwrap_or(0) != step {

@@ -1,9 +1,10 @@
-//! Driving the real car, to have something that a world model can be fitted to.
+//! Acting in the real world, to have something that a world model can be fitted to.
 
 mod episodes;
 mod rollout_comparison;
 
 use std::path::PathBuf;
+use std::sync::Arc;
 
 pub(crate) use episodes::Episodes;
 pub(crate) use rollout_comparison::Rollout;
@@ -20,7 +21,7 @@ pub enum RecordCommand {
     Pause,
     /// Ends the recording and keeps it.
     Keep,
-    /// Throws the recording away and begins another on the same track.
+    /// Throws the recording away and begins another of the same seed.
     Redo,
     /// Throws the recording away.
     Leave,
@@ -30,7 +31,7 @@ pub enum RecordCommand {
     DiscardUnfinished,
     /// Takes the recordings in a folder for those of this window.
     UseDataset(PathBuf),
-    /// Dreams beside the real car, or no longer.
+    /// Dreams beside the real world, or no longer.
     ToggleRollout,
     /// Lets that dream look at the real world after so many steps, or never.
     ResetRollout(Option<usize>),
@@ -49,7 +50,7 @@ pub enum RecordCommand {
     },
 }
 
-/// Driving the real car.
+/// Acting in the real world.
 #[expect(clippy::struct_excessive_bools, reason = "each is true or not whatever the others are")]
 #[derive(Debug, Default)]
 pub(crate) struct Recording {
@@ -121,7 +122,7 @@ impl App {
                 (self.state.record.is_on, self.state.record.is_ending) = (false, false);
                 self.state.record.is_held = false;
                 self.state.record.n_kept += 1;
-                self.next_track(Field::RecordSeed);
+                self.next_seed(Field::RecordSeed);
                 self.list_recordings();
                 self.done(format!("episode {episode} is on disk: {n_steps} steps"));
             }
@@ -167,7 +168,7 @@ impl App {
     }
 
     fn start_recording(&mut self) {
-        let Some(seed) = self.track_seed(Field::RecordSeed) else { return };
+        let Some(seed) = self.episode_seed(Field::RecordSeed) else { return };
         if self.state.episodes.is_changing() {
             return self.warn("one moment: the recordings are being put in order".to_owned());
         }
@@ -195,7 +196,7 @@ impl App {
     }
 
     fn offer_recordings(&mut self, n: usize) {
-        let text = format!("{} survived a program that was ended while driving", counted(n, "recording"));
+        let text = format!("{} survived a program that was ended meanwhile", counted(n, "recording"));
         let ways = [("Keep", RecordCommand::Recover), ("Throw away", RecordCommand::DiscardUnfinished)];
         self.offer(text, ways.map(|(name, command)| (name.to_owned(), Command::Record(command))).into());
     }
@@ -211,7 +212,7 @@ impl App {
         if self.state.record.is_on {
             return self.warn("end the recording first: keep it, or leave it".to_owned());
         }
-        let env = self.state.env.clone();
-        self.begin_job("looking at the recordings", JobCommand::OpenRecordings { dir, env });
+        let spec = Arc::clone(&self.state.spec);
+        self.begin_job("looking at the recordings", JobCommand::OpenRecordings { dir, spec });
     }
 }

@@ -1,4 +1,4 @@
-//! A dream beside the real car, and who has the controls.
+//! A dream beside the real world, and who has the controls.
 
 use crate::app::{App, Panel, Picture, State};
 use crate::worker::{DreamerCommand, RecorderCommand, RolloutComparison, RolloutView, WorkerCommand};
@@ -6,7 +6,7 @@ use crate::worker::{DreamerCommand, RecorderCommand, RolloutComparison, RolloutV
 /// Points of the drift curve that are kept: a whole episode and more.
 const MOST: usize = 2000;
 
-/// What is shown beside the real car.
+/// What is shown beside the real world.
 #[derive(Debug, Default)]
 pub(crate) struct Rollout {
     /// How it was asked for, if it was.
@@ -41,7 +41,7 @@ impl App {
         self.send_rollout();
     }
 
-    /// Tells the recorder what is to be dreamt beside the real car.
+    /// Tells the recorder what is to be dreamt beside the real world.
     fn send_rollout(&mut self) {
         let asked = self.state.record.rollout.asked;
         (self.state.record.rollout.view, self.state.record.rollout.picture) = (None, None);
@@ -49,14 +49,14 @@ impl App {
         if asked.is_some() {
             let Some(world) = &self.state.world.loaded else {
                 self.state.record.rollout.asked = None;
-                return self.warn("a dream beside the real car needs a world model".to_owned());
+                return self.warn("a dream beside the real world needs a world model".to_owned());
             };
             self.send(WorkerCommand::Recorder(RecorderCommand::Model(world.parameters.clone())));
         }
         self.send(WorkerCommand::Recorder(RecorderCommand::CompareRollout(asked)));
     }
 
-    /// Gives the wheel to the planner or takes it back, wherever somebody drives.
+    /// Gives the controls to the planner or takes it back, wherever somebody drives.
     pub(in crate::app) fn hand_over(&mut self) {
         if !self.state.is_driving() {
             return;
@@ -71,10 +71,8 @@ impl App {
             });
         }
         let Some(reward) = self.state.reward.parameters.clone() else {
-            return self.warn(format!(
-                "the planner needs a reward before it can drive: {}",
-                way_to_one(&self.state)
-            ));
+            return self
+                .warn(format!("the planner needs a reward before it can act: {}", way_to_one(&self.state)));
         };
         if is_dream {
             self.state.dream.is_shared = true;
@@ -82,7 +80,7 @@ impl App {
             return self.send(WorkerCommand::Dreamer(DreamerCommand::HandOver(true)));
         }
         let Some(world) = &self.state.world.loaded else {
-            return self.warn("the planner needs a world model before it can drive: load one".to_owned());
+            return self.warn("the planner needs a world model before it can act: load one".to_owned());
         };
         self.state.record.is_shared = true;
         self.send(WorkerCommand::Recorder(RecorderCommand::Model(world.parameters.clone())));
@@ -90,7 +88,7 @@ impl App {
         self.send(WorkerCommand::Recorder(RecorderCommand::HandOver(true)));
     }
 
-    /// Lets a planner that has the wheel know the reward that was learned meanwhile.
+    /// Lets a planner that has the controls know the reward that was learned meanwhile.
     pub(in crate::app) fn tell_planner(&mut self) {
         let Some(reward) = self.state.reward.parameters.clone() else { return };
         if self.state.dream.is_on && self.state.dream.is_shared {
@@ -122,13 +120,13 @@ fn way_to_one(state: &State) -> &'static str {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::env::Frame;
+    use crate::world::Frame;
 
     #[test]
     fn another_episode_begins_another_curve() {
         let mut rollout = Rollout::default();
         for step in [1, 2, 5, 1, 2] {
-            let frame = Frame::new(1, vec![0; 3]);
+            let frame = Frame::square(1, vec![0; 3]);
             rollout.receive(RolloutView { frame, step, since: step, drift: 0.5 });
         }
         assert_eq!(rollout.drift, [[1.0, 0.5], [2.0, 0.5]]);

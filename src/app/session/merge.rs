@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use crate::app::session::is_same;
 use crate::app::{
-    App, Command, Field, Panel, RecordCommand, SessionCommand, WindowCommand, WorldModelCommand,
+    App, Command, Effect, Field, Panel, RecordCommand, SessionCommand, WindowCommand, WorldModelCommand,
 };
 use crate::session::Annotators;
 use crate::worker::{Dropped, JobCommand, SessionItem, WorkerError};
@@ -85,10 +85,29 @@ impl App {
     pub(super) fn dropped(&mut self, path: PathBuf, dropped: Dropped) {
         match dropped {
             Dropped::WorldModel => self.world_model_command(WorldModelCommand::Load(path)),
+            Dropped::World => self.open_world(path),
             Dropped::Recordings => self.record_command(RecordCommand::UseDataset(path)),
             Dropped::Session if self.state.merge.is_open => self.add_to_merge(path),
             Dropped::Session => self.session_command(SessionCommand::Open(path)),
         }
+    }
+
+    /// Has the program begin anew with the world in this file, once nothing of this one would be lost.
+    fn open_world(&mut self, file: PathBuf) {
+        if self.is_unsaved() {
+            return self.save_first();
+        }
+        let state = &self.state;
+        let why = if state.dream.is_on || state.record.is_on {
+            "end this episode first: keep it, or leave it"
+        } else if state.world.fit.is_some() {
+            "a world model is being fitted: wait for it, or stop it first"
+        } else if state.job.is_some() || !self.writing.is_empty() {
+            "one moment: something is still being written"
+        } else {
+            return self.effects.push(Effect::OpenWorld(file));
+        };
+        self.warn(why.to_owned());
     }
 
     pub(super) fn toggle_merge(&mut self) {

@@ -286,8 +286,9 @@ impl App {
         let path = world.path.as_ref().and_then(|path| std::path::absolute(path).ok());
         let path = path.map(|path| path.display().to_string());
         let (seed, hash) = (self.fresh_seed(), self.state.world.hash.clone());
-        let header = Header::new(&self.state.env, protocol, seed, &hash, self.date);
-        let header = Header { world_model_path: path, ..header };
+        let header = Header::of(&self.state.spec, protocol, seed, &hash, self.date);
+        let file = self.state.spec_file.as_ref().map(|file| file.display().to_string());
+        let header = Header { world_model_path: path, world_file: file, ..header };
         let sessions = self.sessions.clone();
         self.change(SessionWriterCommand::Create { sessions, header });
         true

@@ -46,7 +46,7 @@ impl App {
             ("Choose another folder…", SessionCommand::ChoosePlace(Some(SaveAs::Sessions))),
             ("Other sessions…", SessionCommand::ToggleList),
         ];
-        let text = format!("there is no place to keep what is driven and answered: {why}");
+        let text = format!("there is no place to keep what is done and answered: {why}");
         let way = |(name, command): (&str, SessionCommand)| (name.to_owned(), Command::Session(command));
         self.fail_with(text, ways.map(way).into());
     }

@@ -1,4 +1,4 @@
-//! Driving where nothing real can break.
+//! Acting where nothing real can break.
 
 pub(super) mod review;
 
@@ -6,20 +6,21 @@ use eframe::egui::{Rect, Role, ScrollArea, Sense, Stroke, StrokeKind, Ui, Widget
 
 use crate::app::counted;
 use crate::app::{Command, DreamCommand, Panel, WindowCommand};
-use crate::env::{MAX_STEPS, STEPS_PER_SEC};
 use crate::ui::View;
 use crate::ui::command::Commands;
-use crate::ui::settings::keymap::KeyAction;
+use crate::ui::settings::keymap::{KeyAction, known_key};
 use crate::ui::tokens::{self, GAP, Tokens};
 use crate::ui::widgets::clip::{Rim, paint_picture, picture_ui};
-use crate::ui::widgets::gauge::{action_ui, figure_ui, row_button, row_color_ui, row_ui};
+use crate::ui::widgets::gauge::{action_ui, capitalized, figure_ui, row_button, row_color_ui, row_ui};
 use crate::ui::widgets::keycap::{KeyButton, Tone, key_name};
-use crate::ui::widgets::layout::{beside_picture, heading, titled_card, with_side};
+use crate::ui::widgets::layout::{
+    beside_picture, dream_shape, fitting, heading, thumbnail_size, titled_card, with_side,
+};
 use crate::worker::LiveView;
+use crate::world::Action;
+use crate::world::controls::{Lever, lever_of};
 use review::review_ui;
 
-/// Width by height of a dream.
-const SHAPE: f32 = 1.0;
 /// Room for what stands under the picture.
 const BELOW: f32 = 110.0;
 
@@ -27,7 +28,7 @@ pub(in crate::ui) fn dream_ui(ui: &mut Ui, state: &View<'_>, commands: &mut Comm
     heading(
         ui,
         "Dream",
-        "Drive inside the world model. Drive well, and drive badly too: both are worth asking about.",
+        "Act inside the world model. Do it well, and badly too: both are worth asking about.",
     );
     if state.world.loading.is_some() {
         ui.label(tokens::muted(ui, "Reading the world model…"));
@@ -47,7 +48,7 @@ pub(in crate::ui) fn dream_ui(ui: &mut Ui, state: &View<'_>, commands: &mut Comm
     }
     let main = |ui: &mut Ui, commands: &mut Commands| stage_ui(ui, state, commands);
     let aside = |ui: &mut Ui, commands: &mut Commands| aside_ui(ui, state, commands);
-    let side = beside_picture(ui, SHAPE, BELOW);
+    let side = beside_picture(ui, dream_shape(state), BELOW);
     with_side(ui, side, commands, main, aside);
 }
 
@@ -56,8 +57,7 @@ fn stage_ui(ui: &mut Ui, state: &View<'_>, commands: &mut Commands) {
     if state.is_reviewing() {
         return review_ui(ui, state, commands);
     }
-    let room = ui.available_size();
-    let side = (room.y - BELOW).min(room.x).max(120.0);
+    let size = fitting(ui, dream_shape(state), BELOW);
     let live = dream.live.as_ref().filter(|_| dream.is_on);
     let thumbnail = dream.thumbnails.get(dream.start_idx).and_then(Option::as_ref);
     let picture = if dream.is_on { dream.picture.as_ref() } else { thumbnail.or(dream.picture.as_ref()) };
@@ -66,11 +66,11 @@ fn stage_ui(ui: &mut Ui, state: &View<'_>, commands: &mut Commands) {
     let empty = if dream.is_on { "Falling asleep…" } else { "" };
     let is_paused = live.is_some_and(|live| live.is_paused);
     let rim = if is_paused { Rim::Accent } else { Rim::Plain };
-    let response = picture_ui(ui, picture, vec2(side, side), &label, empty, rim);
+    let response = picture_ui(ui, picture, size, &label, empty, rim);
     if is_paused {
         banner(ui, response.rect, dream.why_paused.unwrap_or("Paused"));
     } else if live.is_some_and(|live| live.is_planned) {
-        banner(ui, response.rect, "The planner drives");
+        banner(ui, response.rect, "The planner acts");
     }
     ui.add_space(6.0);
     if dream.is_on {
@@ -96,7 +96,8 @@ pub(super) fn banner(ui: &Ui, over: Rect, text: &str) {
 
 fn driving_ui(ui: &mut Ui, state: &View<'_>, is_paused: bool, commands: &mut Commands) {
     let is_ending = state.dream.is_ending;
-    let key = |key_action| state.settings.keys.of(key_action);
+    // What the world moves by a key is not a command as long as somebody acts in it.
+    let key = |key_action| state.settings.keys.free(key_action);
     ui.horizontal_wrapped(|ui| {
         ui.spacing_mut().item_spacing.x = 8.0;
         for (button, command) in [
@@ -129,17 +130,17 @@ fn driving_ui(ui: &mut Ui, state: &View<'_>, is_paused: bool, commands: &mut Com
     });
 }
 
-/// Who has the wheel gives it to the other.
+/// Who has the controls gives them to the other.
 pub(super) fn hand_over_button<'a>(state: &View<'_>, live: Option<&LiveView>) -> KeyButton<'a> {
     let is_planned = live.is_some_and(|live| live.is_planned);
     let name = if is_planned { "Take over" } else { "Hand over" };
-    KeyButton::new(name).key(state.settings.keys.of(KeyAction::HandOver))
+    KeyButton::new(name).key(state.settings.keys.free(KeyAction::HandOver))
 }
 
 fn starts_ui(ui: &mut Ui, state: &View<'_>, commands: &mut Commands) {
     let Some(world) = &state.world.loaded else { return };
     ui.horizontal(|ui| {
-        let drive = KeyButton::new("Drive").key(state.settings.keys.of(KeyAction::Begin)).tone(Tone::Primary);
+        let drive = KeyButton::new("Begin").key(state.settings.keys.of(KeyAction::Begin)).tone(Tone::Primary);
         if drive.size(vec2(150.0, 64.0)).is_pressed(ui) {
             commands.push(Command::Dream(DreamCommand::Start));
         }
@@ -162,7 +163,8 @@ fn starts_ui(ui: &mut Ui, state: &View<'_>, commands: &mut Commands) {
 fn start_ui(ui: &mut Ui, state: &View<'_>, idx: usize, name: &str) -> bool {
     let tokens = Tokens::of(ui);
     let is_chosen = state.dream.start_idx == idx;
-    let (rect, response) = ui.allocate_exact_size(vec2(66.0, 66.0), Sense::click());
+    let (rect, response) =
+        ui.allocate_exact_size(thumbnail_size(state, 60.0) + vec2(6.0, 6.0), Sense::click());
     response.widget_info(|| WidgetInfo::selected(Role::RadioButton, true, is_chosen, name));
     let inner = rect.shrink(3.0);
     let thumbnail = state.dream.thumbnails.get(idx).and_then(Option::as_ref);
@@ -190,14 +192,14 @@ fn aside_ui(ui: &mut Ui, state: &View<'_>, commands: &mut Commands) {
         };
         ui.horizontal(|ui| {
             ui.spacing_mut().item_spacing.x = 28.0;
-            figure_ui(ui, step, &format!("step of {MAX_STEPS}"));
-            figure_ui(ui, rate, &format!("steps a second of {STEPS_PER_SEC}"));
+            figure_ui(ui, step, &format!("step of {}", state.spec.longest_episode));
+            figure_ui(ui, rate, &format!("steps a second of {}", state.spec.rate));
         });
         ui.add_space(6.0);
         let action = live
             .filter(|live| is_on && (live.is_paused || live.is_planned))
             .map_or(state.dream.action, |live| live.action);
-        action_ui(ui, if is_on { action } else { crate::env::Action::default() });
+        action_ui(ui, &state.spec.axes, if is_on { action } else { Action::default() });
         ui.add_space(2.0);
         let n_late = live.map_or(0, |live| live.n_late);
         let color = if n_late > 0 { tokens.warn } else { tokens.text };
@@ -208,21 +210,58 @@ fn aside_ui(ui: &mut Ui, state: &View<'_>, commands: &mut Commands) {
         row_ui(ui, "Unsafe marks", live.map_or(0, |live| live.n_unsafe_marks).to_string());
     });
     kept_ui(ui, state, commands);
-    titled_card(ui, "At the wheel", |ui| {
-        for (name, key_actions) in [
-            ("Steer", &[KeyAction::SteerLeft, KeyAction::SteerRight][..]),
-            ("Gas", &[KeyAction::Gas]),
-            ("Brake", &[KeyAction::Brake]),
-        ] {
+    controls_ui(ui, state);
+}
+
+/// Axes beyond so many are left out: their keys are in the list of keys.
+const MOST_AXES: usize = 8;
+
+/// What moves each axis.
+fn controls_ui(ui: &mut Ui, state: &View<'_>) {
+    titled_card(ui, "Controls", |ui| {
+        let keys = &state.settings.keys;
+        for axis in state.spec.axes.iter().take(MOST_AXES) {
+            let mut sides: Vec<(f32, Vec<&str>)> = Vec::new();
+            for input in &axis.keys {
+                let Some(name) = known_key(&input.key) else { continue };
+                let name = key_name(keys.of_move(name));
+                match sides.iter_mut().find(|(to, _)| *to == input.to) {
+                    Some((_, names)) => names.push(name),
+                    None => sides.push((input.to, vec![name])),
+                }
+            }
+            let most = sides.iter().map(|(_, names)| names.len()).max().unwrap_or(0);
             let nth = |idx: usize| {
-                let keys =
-                    key_actions.iter().filter_map(|key_action| state.settings.keys.all(*key_action).get(idx));
-                keys.map(|key| key_name(*key)).collect::<Vec<_>>().join(", ")
+                sides.iter().filter_map(|(_, names)| names.get(idx).copied()).collect::<Vec<_>>().join(", ")
             };
-            row_ui(ui, name, format!("{} · {}", nth(0), nth(1)));
+            let mut by: Vec<String> = (0..most).map(nth).collect();
+            if by.is_empty() {
+                let wanted = state.settings.controls.of(&axis.name).pad.or(lever_of(axis));
+                by.push(wanted.map_or("–", Lever::name).to_owned());
+            }
+            row_ui(ui, &capitalized(&axis.name), by.join(" · "));
         }
-        row_ui(ui, "Gamepad", "left stick and triggers");
+        if state.spec.axes.len() > MOST_AXES {
+            ui.label(tokens::small(ui, format!("and {} more", state.spec.axes.len() - MOST_AXES)));
+        }
+        row_ui(ui, "Gamepad", pad_parts(state));
     });
+}
+
+/// What of a gamepad is used.
+fn pad_parts(state: &View<'_>) -> &'static str {
+    let levers = state.spec.axes.iter().map(|axis| {
+        let chosen = state.settings.controls.of(&axis.name).pad.or(lever_of(axis));
+        chosen.map_or_else(|| axis.pad.first().map(|input| input.axis.name()), |lever| Some(lever.name()))
+    });
+    let named: Vec<&str> = levers.flatten().collect();
+    let has = |part: &str| named.iter().any(|name| name.contains(part));
+    match (has("stick"), has("trigger")) {
+        (true, true) => "sticks and triggers",
+        (true, false) => "sticks",
+        (false, true) => "triggers",
+        (false, false) => "not used",
+    }
 }
 
 /// What was done at the step of a kept dream that is looked at.
@@ -232,8 +271,8 @@ fn then_ui(ui: &mut Ui, state: &View<'_>) {
         let step = state.review.step();
         figure_ui(ui, step.to_string(), &format!("step of {}", episode.len()));
         ui.add_space(6.0);
-        action_ui(ui, episode.actions.get(step).copied().unwrap_or_default());
-        row_ui(ui, "At the wheel", if episode.is_planned(step) { "the planner" } else { "by hand" });
+        action_ui(ui, &state.spec.axes, episode.actions.get(step).copied().unwrap_or_default());
+        row_ui(ui, "In control", if episode.is_planned(step) { "the planner" } else { "by hand" });
         row_ui(ui, "By the planner", counted(episode.n_planned(), "step"));
         row_ui(ui, "Unsafe marks", episode.unsafe_marks.len().to_string());
     });
@@ -242,12 +281,12 @@ fn then_ui(ui: &mut Ui, state: &View<'_>) {
 fn kept_ui(ui: &mut Ui, state: &View<'_>, commands: &mut Commands) {
     titled_card(ui, "Kept dreams", |ui| {
         let Some(session) = state.session() else {
-            ui.label(tokens::muted(ui, "None yet. Drive, and keep what you have driven."));
+            ui.label(tokens::muted(ui, "None yet. Begin one, and keep it."));
             return;
         };
         let dreams: Vec<_> = session.dreams().iter().filter(|kept| !session.is_dropped(kept.dream)).collect();
         if dreams.is_empty() {
-            ui.label(tokens::muted(ui, "None yet. Drive, and keep what you have driven."));
+            ui.label(tokens::muted(ui, "None yet. Begin one, and keep it."));
             return;
         }
         for kept in dreams.iter().rev().take(12) {

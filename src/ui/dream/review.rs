@@ -1,6 +1,6 @@
-//! A kept dream, looked at again: its pictures, who drove, and what the reward says of it.
+//! A kept dream, looked at again: its pictures, who acted, and what the reward says of it.
 
-use eframe::egui::{Key, Rect, Ui, UiBuilder, pos2, vec2};
+use eframe::egui::{Key, Rect, Ui, UiBuilder, Vec2, pos2, vec2};
 
 use crate::app::Playhead;
 use crate::app::counted;
@@ -15,14 +15,14 @@ use crate::ui::settings::keymap::KeyAction;
 use crate::ui::tokens::{self, GAP, Tokens};
 use crate::ui::widgets::clip::{Rim, picture_ui};
 use crate::ui::widgets::keycap::{KeyButton, Tone};
+use crate::ui::widgets::layout::{dream_shape, fitting, within};
 use crate::ui::widgets::strip::{Strip, promises_ui, strip_ui};
 
 /// The dream in the place of the one that is driven: a large picture over its strip.
 pub(in crate::ui) fn review_ui(ui: &mut Ui, state: &View<'_>, commands: &mut Commands) {
     let Some(id) = state.review.dream else { return };
-    let room = ui.available_size();
-    let side = (room.y - 148.0).min(room.x).max(120.0);
-    picture(ui, state, id, side);
+    let size = fitting(ui, dream_shape(state), 148.0);
+    picture(ui, state, id, size);
     ui.add_space(2.0);
     strip(ui, state, id, 62.0, commands);
     ui.horizontal(|ui| {
@@ -51,10 +51,10 @@ pub(in crate::ui) fn judged_ui(ui: &mut Ui, state: &View<'_>, height: f32, comma
     };
     let all = ui.available_rect_before_wrap();
     let all = Rect::from_min_size(all.min, vec2(all.width(), height));
-    let side = height.min(all.width() * 0.42);
-    let left = Rect::from_min_size(all.min, vec2(side, all.height()));
+    let size = within(vec2(all.width() * 0.42, height), dream_shape(state));
+    let left = Rect::from_min_size(all.min, vec2(size.x, all.height()));
     let right = Rect::from_min_max(pos2(left.right() + GAP, all.top()), all.max);
-    ui.scope_builder(UiBuilder::new().max_rect(left), |ui| picture(ui, state, id, side));
+    ui.scope_builder(UiBuilder::new().max_rect(left), |ui| picture(ui, state, id, size));
     ui.scope_builder(UiBuilder::new().max_rect(right), |ui| {
         ui.spacing_mut().item_spacing.y = 4.0;
         ui.horizontal(|ui| {
@@ -69,13 +69,13 @@ pub(in crate::ui) fn judged_ui(ui: &mut Ui, state: &View<'_>, height: f32, comma
     ui.advance_cursor_after_rect(all);
 }
 
-fn picture(ui: &mut Ui, state: &View<'_>, id: DreamId, side: f32) {
+fn picture(ui: &mut Ui, state: &View<'_>, id: DreamId, size: Vec2) {
     let review = &state.review;
     let step = review.step();
     let label = format!("Dream {} at step {step}", id.0 + 1);
     let is_marked = review.episode().is_some_and(|episode| episode.unsafe_marks.contains(&step));
     let rim = if is_marked { Rim::Bad } else { Rim::Plain };
-    picture_ui(ui, review.picture.as_ref(), vec2(side, side), &label, "Remembering…", rim);
+    picture_ui(ui, review.picture.as_ref(), size, &label, "Remembering…", rim);
 }
 
 fn strip(ui: &mut Ui, state: &View<'_>, id: DreamId, height: f32, commands: &mut Commands) {
@@ -172,15 +172,15 @@ fn promised(ui: &mut Ui, state: &View<'_>, height: f32) {
     };
     let best = &view.promises[view.chosen];
     let text = match view.chosen_before {
-        None => format!("From here the planner would drive {}: {:.2}", best.actions, best.now),
+        None => format!("From here the planner would do {}: {:.2}", best.actions, best.now),
         Some(before) if before == view.chosen => format!(
-            "The planner would still drive {}: {:.2}, before {:.2}",
+            "The planner would still do {}: {:.2}, before {:.2}",
             best.actions,
             best.now,
             best.before.unwrap_or(best.now)
         ),
         Some(before) => format!(
-            "The planner would now drive {} ({:.2}), before {}",
+            "The planner would now do {} ({:.2}), before {}",
             best.actions, best.now, view.promises[before].actions
         ),
     };

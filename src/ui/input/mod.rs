@@ -1,6 +1,6 @@
 //! Keys and pads as the window receives them.
 //!
-//! Decides nothing about driving: what is held becomes an action in [`env::controls`](crate::env::controls).
+//! Decides nothing about what is done: what is held becomes an action in [`world::controls`](crate::world::controls).
 
 mod pad_commands;
 mod pad_router;
@@ -12,9 +12,9 @@ use eframe::egui::{Context, Event, Id, Key, Ui};
 use serde::{Deserialize, Serialize};
 
 use crate::app::Moment;
-use crate::env::Action;
-use crate::env::controls::{ControlConfig, DrivingKey, HeldKeys, Pad, combined};
 use crate::ui::settings::keymap::Keys;
+use crate::world::controls::{ControlConfig, Controls, Pad};
+use crate::world::{Action, WorldSpec};
 
 pub(crate) use pad_commands::pad_command;
 
@@ -200,9 +200,9 @@ pub(crate) struct Input {
 }
 
 impl Input {
-    /// Nothing is held yet; pads are read from `source`.
-    pub(crate) fn new(source: Box<dyn InputSource>) -> Self {
-        let (held, typing) = (HeldControls::default(), Typing::default());
+    /// Nothing is held yet, for the axes of this world; pads are read from `source`.
+    pub(crate) fn new(spec: &WorldSpec, source: Box<dyn InputSource>) -> Self {
+        let (held, typing) = (HeldControls::new(spec), Typing::default());
         Self { source, held, typing, focus: Focus::default(), last: Moment::default() }
     }
 
@@ -263,28 +263,32 @@ impl Input {
 }
 
 /// What is held on keys and pad.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug)]
 pub(crate) struct HeldControls {
-    keys: HeldKeys,
-    pad: Pad,
+    controls: Controls,
     /// Keys that went down and up within one frame: they count until the next.
-    tapped: Vec<DrivingKey>,
+    tapped: Vec<&'static str>,
     /// Whether keys give half: Shift is held.
     is_careful: bool,
 }
 
 impl HeldControls {
+    /// Nothing is held yet.
+    pub(crate) fn new(spec: &WorldSpec) -> Self {
+        Self { controls: Controls::new(spec), tapped: Vec::new(), is_careful: false }
+    }
+
     /// Takes in the key events of a frame; `is_driving` says whether keys drive now.
     pub(crate) fn receive(&mut self, events: &[Event], keys: &Keys, has_focus: bool, is_driving: bool) {
         for key in std::mem::take(&mut self.tapped) {
-            self.keys.set(key, false);
+            self.controls.set(key, false);
         }
         let mut went_down = Vec::new();
         for event in events {
             match *event {
                 Event::Key { key, pressed: true, modifiers, .. } if is_driving && !modifiers.command => {
                     if let Some(key) = keys.driving(key) {
-                        self.keys.set(key, true);
+                        self.controls.set(key, true);
                         went_down.push(key);
                     }
                 }
@@ -293,15 +297,15 @@ impl HeldControls {
                     if went_down.contains(&key) {
                         self.tapped.push(key);
                     } else {
-                        self.keys.set(key, false);
+                        self.controls.set(key, false);
                     }
                 }
-                Event::WindowFocused(false) => self.keys.release_all(),
+                Event::WindowFocused(false) => self.controls.release_keys(),
                 _ => {}
             }
         }
         if !has_focus || !is_driving {
-            self.keys.release_all();
+            self.controls.release_keys();
             self.tapped.clear();
         }
     }
@@ -311,25 +315,31 @@ impl HeldControls {
         self.is_careful = is_careful;
     }
 
-    /// Where the pad's stick and triggers are.
+    /// Where the pad's sticks and triggers are.
     pub(crate) fn pad(&self) -> Pad {
-        self.pad
+        self.controls.pad()
     }
 
-    /// Takes in where a pad's stick and triggers are.
+    /// Takes in where a pad's sticks and triggers are.
     pub(crate) fn hold(&mut self, pad: Pad) {
-        self.pad = pad;
+        self.controls.hold(pad);
     }
 
-    /// Lets go of everything.
+    /// Lets go of everything: every axis is neutral again.
     pub(crate) fn release(&mut self) {
-        *self = Self::default();
+        self.controls.reset();
+        self.tapped.clear();
+        self.is_careful = false;
     }
 
-    /// The action that they give.
-    pub(crate) fn action(&self, config: &ControlConfig) -> Action {
-        let config = if self.is_careful { config.halved() } else { *config };
-        combined(&self.keys, &self.pad, &config)
+    /// The action that they give after `dt` more seconds.
+    pub(crate) fn step(&mut self, dt: f32, config: &ControlConfig) -> Action {
+        self.controls.step(dt, self.is_careful, config)
+    }
+
+    /// The action while nobody's hands are here.
+    pub(crate) fn idle(&self) -> Action {
+        self.controls.idle()
     }
 }
 
@@ -401,28 +411,32 @@ mod tests {
         };
         let events: Vec<_> = keys.iter().map(event).collect();
         held.receive(&events, &Keys::default(), true, true);
-        held.action(&ControlConfig::paper())
+        held.step(0.02, &ControlConfig::default())
+    }
+
+    fn nothing_held() -> HeldControls {
+        HeldControls::new(&WorldSpec::default())
     }
 
     #[test]
     fn a_tap_within_one_frame_counts_until_the_next() {
-        let mut held = HeldControls::default();
-        assert_eq!(after(&mut held, &[(Key::D, true), (Key::D, false)]).steer, 1.0);
-        assert_eq!(after(&mut held, &[]).steer, 0.0);
+        let mut held = nothing_held();
+        assert_eq!(after(&mut held, &[(Key::D, true), (Key::D, false)])[0], 1.0);
+        assert_eq!(after(&mut held, &[])[0], 0.0);
     }
 
     #[test]
     fn shift_halves_what_keys_give() {
-        let mut held = HeldControls::default();
+        let mut held = nothing_held();
         after(&mut held, &[(Key::ArrowUp, true), (Key::ArrowLeft, true)]);
         held.be_careful(true);
-        assert_eq!(held.action(&ControlConfig::paper()), Action::new(-0.5, 0.5, 0.0));
+        assert_eq!(held.step(0.02, &ControlConfig::default()), [-0.5, 0.5, 0.0]);
         held.be_careful(false);
-        assert_eq!(held.action(&ControlConfig::paper()), Action::new(-1.0, 1.0, 0.0));
+        assert_eq!(held.step(0.02, &ControlConfig::default()), [-1.0, 1.0, 0.0]);
     }
 
     #[test]
-    fn a_key_that_is_not_for_driving_moves_nothing() {
-        assert_eq!(after(&mut HeldControls::default(), &[(Key::N, true)]), Action::default());
+    fn a_key_that_moves_nothing_moves_nothing() {
+        assert_eq!(after(&mut nothing_held(), &[(Key::N, true)]), [0.0; 3]);
     }
 }

@@ -13,11 +13,11 @@ use crate::ui::label::{annotators, predictions, query_selection};
 use crate::ui::tokens::{self, Tokens};
 use crate::ui::widgets::clip::{Rim, paint_picture};
 use crate::ui::widgets::field::field_ui;
-use crate::ui::widgets::layout::titled_card;
+use crate::ui::widgets::layout::{thumbnail_size, titled_card};
 
 /// The height of an answer in the list.
 const ROW: f32 = 40.0;
-/// The side of a thumbnail.
+/// The height of a thumbnail.
 const THUMBNAIL: f32 = 36.0;
 
 pub(in crate::ui) fn answers_ui(ui: &mut Ui, state: &View<'_>, commands: &mut Commands) {
@@ -52,7 +52,7 @@ fn list_ui(ui: &mut Ui, state: &View<'_>, commands: &mut Commands) {
             }
             let said = weights.say(&answer.response);
             let is_here = state.label.revisited == Some(answer.query);
-            let response = answer_ui(ui, answer.query, &said, is_flagged, is_here, pictures);
+            let response = answer_ui(ui, state, answer.query, &said, is_flagged, is_here, pictures);
             if response.hovered() && state.is_to_be_predicted(answer.query) {
                 commands.push(Command::Label(LabelCommand::Predict(answer.query)));
             }
@@ -68,6 +68,7 @@ fn list_ui(ui: &mut Ui, state: &View<'_>, commands: &mut Commands) {
 
 fn answer_ui(
     ui: &mut Ui,
+    state: &View<'_>,
     query: QueryId,
     said: &str,
     is_flagged: bool,
@@ -82,10 +83,11 @@ fn answer_ui(
         ui.painter().rect_filled(rect, 4.0, tokens.hovered);
     }
     let mut left = rect.left() + 3.0;
+    let size = thumbnail_size(state, THUMBNAIL);
     for i in 0..2 {
-        let at = Rect::from_min_size(pos2(left, rect.top() + 2.0), vec2(THUMBNAIL, THUMBNAIL));
+        let at = Rect::from_min_size(pos2(left, rect.center().y - size.y / 2.0), size);
         paint_picture(ui, pictures.map(|pictures| &pictures[i]), at, "", Rim::Plain);
-        left += THUMBNAIL + 3.0;
+        left += size.x + 3.0;
     }
     let (head, rest) = said.split_once(": ").unwrap_or(("skipped", said));
     let inner = rect.shrink2(vec2(4.0, 3.0)).with_min_x(left + 5.0);

@@ -25,7 +25,8 @@ use crate::ui::settings::keymap::KeyAction;
 use crate::ui::tokens::{self, CONTROL, GAP, Tokens};
 use crate::ui::widgets::clip::{Rim, picture_ui, timeline_ui};
 use crate::ui::widgets::keycap::{KeyButton, Tone};
-use crate::ui::widgets::layout::{heading, with_side};
+use crate::ui::widgets::layout::{dream_shape, heading, with_side, within};
+use crate::world::EventKind;
 
 pub(in crate::ui) fn label_ui(ui: &mut Ui, state: &View<'_>, commands: &mut Commands) {
     let protocol = state.protocol();
@@ -35,7 +36,7 @@ pub(in crate::ui) fn label_ui(ui: &mut Ui, state: &View<'_>, commands: &mut Comm
     let dreams = state.session().map(|session| session.dreams_for(protocol)).unwrap_or_default();
     if !dreams.iter().any(|(_, len)| *len >= SEGMENT_LEN) {
         heading(ui, "Label", "Here you will compare short clips of your dreams.");
-        ui.label("There is nothing to compare yet: drive a dream of at least a second, and keep it.");
+        ui.label("There is nothing to compare yet: dream for a moment, and keep it.");
         ui.add_space(GAP);
         if KeyButton::new("Go and dream").tone(Tone::Primary).is_pressed(ui) {
             commands.push(Command::Window(WindowCommand::Show(Panel::Dream)));
@@ -71,7 +72,7 @@ const ANSWER: f32 = CONTROL + 8.0;
 fn is_list_shown(ui: &Ui, state: &View<'_>) -> bool {
     let room = ui.available_size();
     let beside = (room.x - LIST - 3.0 * GAP) / 2.0;
-    state.label.is_list_open || beside >= 0.95 * (room.y - around(state, room.x))
+    state.label.is_list_open || beside >= 0.95 * (room.y - around(state, room.x)) * dream_shape(state)
 }
 
 /// The room that everything but the clips takes from top to bottom, in a panel so wide.
@@ -86,6 +87,8 @@ fn around(state: &View<'_>, width: f32) -> f32 {
 const HEAD: f32 = 28.0 + 24.0 + 2.0 * ROW_GAP;
 /// The height of a row of small buttons.
 const PLAYBACK: f32 = 26.0;
+/// Justifications that surely fit into a row.
+const IN_A_ROW: usize = 6;
 /// Between two rows.
 const ROW_GAP: f32 = 6.0;
 
@@ -117,7 +120,9 @@ fn query_ui(ui: &mut Ui, state: &View<'_>, commands: &mut Commands) {
     // A transition has one clip, in columns wide enough for its answers all the same.
     let is_single = state.protocol().is_sparse();
     let high = (room.y - around(state, room.x)).max(100.0);
-    let side = if is_single { high.min(room.x) } else { high.min((room.x - GAP) / 2.0).max(100.0) };
+    let most = if is_single { room.x } else { ((room.x - GAP) / 2.0).max(100.0) };
+    let size = within(vec2(most, high), dream_shape(state));
+    let side = size.x;
     let wide = if is_single { side.max(room.x.min(760.0)) } else { 2.0 * side + GAP };
     let left = ui.cursor().left() + (room.x - wide).max(0.0) / 2.0;
     let columns = Rect::from_min_size(pos2(left, ui.cursor().top()), vec2(wide, room.y));
@@ -139,11 +144,11 @@ fn query_ui(ui: &mut Ui, state: &View<'_>, commands: &mut Commands) {
                 ui.add_space((wide - side) / 2.0);
                 let is_outcome = state.shown_transition().is_some_and(|(_, outcome)| outcome == frame);
                 let rim = if is_outcome { Rim::Accent } else { Rim::Plain };
-                picture_ui(ui, left.as_ref(), vec2(side, side), "Clip", empty, rim);
+                picture_ui(ui, left.as_ref(), size, "Clip", empty, rim);
                 return;
             }
-            picture_ui(ui, left.as_ref(), vec2(side, side), "Left clip", empty, left_rim);
-            picture_ui(ui, right.as_ref(), vec2(side, side), "Right clip", empty, right_rim);
+            picture_ui(ui, left.as_ref(), size, "Left clip", empty, left_rim);
+            picture_ui(ui, right.as_ref(), size, "Right clip", empty, right_rim);
         });
         predictions::under_clips_ui(ui, state, if is_single { wide } else { side });
         let width = ui.available_width();
@@ -229,7 +234,7 @@ fn playback_ui(ui: &mut Ui, state: &View<'_>, commands: &mut Commands) {
 fn rows(state: &View<'_>) -> usize {
     match state.protocol() {
         Protocol::Dropj if !state.label.is_guided => 2,
-        Protocol::DropjMulti => 2,
+        Protocol::DropjMulti => 1 + state.weights().justifications.iter().count().div_ceil(IN_A_ROW),
         _ => 1,
     }
 }
@@ -292,7 +297,8 @@ fn answers_ui(ui: &mut Ui, state: &View<'_>, is_ready: bool, commands: &mut Comm
             row(ui, &preferences(names, &both), is_ready, commands);
         }
         Protocol::Request | Protocol::Dros => {
-            let names = ["Off the road: unsafe", "Neither", "On to new road: good"];
+            let names = [EventKind::Safety, EventKind::Progress].map(|kind| verdict_name(state, kind));
+            let names = [names[0].as_str(), "Neither", names[1].as_str()];
             let keys = [KeyAction::PreferLeft, KeyAction::Equal, KeyAction::PreferRight].map(key);
             let verdicts = Verdict::ALL.into_iter().zip(names).zip(keys).map(|((verdict, name), key)| {
                 (name, key, Command::Label(LabelCommand::Answer(Response::Judged(verdict))))
@@ -304,6 +310,18 @@ fn answers_ui(ui: &mut Ui, state: &View<'_>, is_ready: bool, commands: &mut Comm
             let response = |preference| Response::Justified(chosen, preference);
             row(ui, &preferences(plain, &response), is_ready, commands);
         }
+    }
+}
+
+/// What is said of a step in which something of this kind happens: `Unsafe: grass`.
+fn verdict_name(state: &View<'_>, kind: EventKind) -> String {
+    let word = if kind == EventKind::Safety { "Unsafe" } else { "Good" };
+    let events: Vec<_> = state.spec.events_of(kind).map(|event| event.name.as_str()).collect();
+    match events[..] {
+        [] => word.to_owned(),
+        [one] => format!("{word}: {one}"),
+        [one, other] => format!("{word}: {one}, {other}"),
+        [one, ..] => format!("{word}: {one} or the like"),
     }
 }
 
@@ -330,7 +348,9 @@ fn justifications_ui(ui: &mut Ui, state: &View<'_>, commands: &mut Commands) -> 
         [Key::Num1, Key::Num2, Key::Num3, Key::Num4, Key::Num5, Key::Num6, Key::Num7, Key::Num8, Key::Num9];
     ui.horizontal_wrapped(|ui| {
         ui.spacing_mut().item_spacing.x = 8.0;
-        for ((justification, name, _), key) in all.iter().zip(digits) {
+        // Those after the ninth have no key.
+        let keys = digits.into_iter().map(Some).chain(std::iter::repeat(None));
+        for ((justification, name, _), key) in all.iter().zip(keys) {
             let tone = if justification == chosen { Tone::Chosen } else { Tone::Plain };
             if KeyButton::new(name).key(key).tone(tone).is_pressed(ui) {
                 commands.push(Command::Label(LabelCommand::Justify(justification)));

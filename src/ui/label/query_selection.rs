@@ -64,7 +64,7 @@ fn mix_ui(ui: &mut Ui, state: &View<'_>, selection: &mut QuerySelection) {
         .on_hover_text("Of ten pairs the one that the networks of the reward disagree about most");
     let most = 100 - mix.disagreement.min(100);
     share_ui(ui, &mut mix.boundary, 100, "near what was marked as unsafe")
-        .on_hover_text("One clip is from around a step that was marked while driving, the other by chance");
+        .on_hover_text("One clip is from around a step that was marked in a dream, the other by chance");
     mix.boundary = mix.boundary.min(most);
     ui.checkbox(&mut mix.is_balanced, "seldom two that are likely unsafe").on_hover_text(
         "Goes by what was answered about moments nearby; leaves more queries for what you prefer",

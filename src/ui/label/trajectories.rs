@@ -60,7 +60,7 @@ pub(in crate::ui) fn waiting_ui(ui: &mut Ui, state: &View<'_>, commands: &mut Co
         }
     } else if state.world.loaded.as_ref().is_some_and(|world| world.starts.is_empty()) {
         ui.label(
-            "A trajectory needs a place to begin: this world model has none, so drive a dream first, and keep it.",
+            "A trajectory needs a place to begin: this world model has none, so dream first, and keep it.",
         );
         ui.add_space(GAP);
         if KeyButton::new("Go and dream").tone(Tone::Primary).is_pressed(ui) {

@@ -13,10 +13,11 @@ use crate::ui::input;
 use crate::ui::settings::keymap::KeyAction;
 use crate::ui::tokens::{self, Tokens};
 use crate::ui::widgets::clip::{Rim, picture_ui};
-use crate::ui::widgets::gauge::{action_ui, figure_ui, row_button, row_color_ui, row_ui};
+use crate::ui::widgets::gauge::{action_ui, capitalized, figure_ui, row_button, row_color_ui, row_ui};
 use crate::ui::widgets::keycap::{KeyButton, Tone};
-use crate::ui::widgets::layout::titled_card;
+use crate::ui::widgets::layout::{dream_shape, fitting, titled_card};
 use crate::ui::widgets::strip::{Strip, strip_ui};
+use crate::world::EventKind;
 
 /// The height of a row of the list.
 const ROW: f32 = 24.0;
@@ -25,18 +26,17 @@ const STRIP: f32 = 62.0;
 /// Rows that are seen at a time.
 const N_ROWS: usize = 12;
 
-/// An episode in the place of the car that is driven: a large picture over its strip.
+/// An episode in the place of the world that is acted in: a large picture over its strip.
 pub(in crate::ui) fn watch_ui(ui: &mut Ui, state: &View<'_>, commands: &mut Commands) {
     let episodes = &state.episodes;
-    let room = ui.available_size();
-    let side = (room.y - 148.0).min(room.x).max(120.0);
+    let size = fitting(ui, dream_shape(state), 148.0);
     let step = episodes.step();
     let number = episodes.summary().map_or(0, |summary| summary.number);
     let is_off =
-        episodes.episode.as_ref().is_some_and(|it| it.grass.iter().any(|range| range.contains(&step)));
+        episodes.episode.as_ref().is_some_and(|it| it.unsafe_steps.iter().any(|range| range.contains(&step)));
     let rim = if is_off { Rim::Bad } else { Rim::Plain };
     let label = format!("Episode {number} at step {step}");
-    picture_ui(ui, episodes.picture.as_ref(), vec2(side, side), &label, "Reading the episode…", rim);
+    picture_ui(ui, episodes.picture.as_ref(), size, &label, "Reading the episode…", rim);
     ui.add_space(2.0);
     if let Some(episode) = &episodes.episode {
         let strip = Strip {
@@ -46,7 +46,7 @@ pub(in crate::ui) fn watch_ui(ui: &mut Ui, state: &View<'_>, commands: &mut Comm
             marks: &[],
             planned: &episode.planned,
             asked: &[],
-            off: &episode.grass,
+            off: &episode.unsafe_steps,
         };
         if let Some(step) = strip_ui(ui, strip, STRIP) {
             commands.push(Command::Playback(PlaybackCommand::Scrub(step)));
@@ -102,18 +102,23 @@ pub(in crate::ui) fn then_ui(ui: &mut Ui, state: &View<'_>) {
         let step = episodes.step();
         figure_ui(ui, step.to_string(), &format!("step of {}", episodes.len()));
         ui.add_space(6.0);
-        action_ui(ui, episode.actions.get(step).copied().unwrap_or_default());
+        action_ui(ui, &state.spec.axes, episode.actions.get(step).copied().unwrap_or_default());
         let is = |ranges: &[std::ops::Range<usize>]| ranges.iter().any(|range| range.contains(&step));
         let driver = if is(&episode.planned) { "the planner" } else { &summary.info.pilot };
-        row_ui(ui, "At the wheel", driver);
+        row_ui(ui, "In control", driver);
         row_ui(ui, "By the planner", counted(summary.n_planned, "step"));
-        let (off, color) =
-            if is(&episode.grass) { ("yes", Tokens::of(ui).warn) } else { ("no", Tokens::of(ui).text) };
-        row_color_ui(ui, "Off the road", off, color);
-        row_ui(ui, "In all", format!("{:.0} % of the steps", 100.0 * summary.grass));
-        row_ui(ui, "Driven", date(summary.began_secs.max(0) as u64) + " UTC");
-        row_ui(ui, "Track", summary.info.seed.to_string());
-        let end = if summary.done { "by the environment" } else { "by hand" };
+        let (off, color) = if is(&episode.unsafe_steps) {
+            ("yes", Tokens::of(ui).warn)
+        } else {
+            ("no", Tokens::of(ui).text)
+        };
+        row_color_ui(ui, "Unsafe", off, color);
+        for (name, share) in &summary.events {
+            row_ui(ui, &capitalized(name), format!("{:.0} % of the steps", 100.0 * share));
+        }
+        row_ui(ui, "Recorded", date(summary.began_secs.max(0) as u64) + " UTC");
+        row_ui(ui, "Seed", summary.info.seed.to_string());
+        let end = if summary.done { "by the world" } else { "by hand" };
         row_ui(ui, "Ended", end);
     });
 }
@@ -149,7 +154,7 @@ pub(in crate::ui) fn list_ui(ui: &mut Ui, state: &View<'_>, commands: &mut Comma
         if let Some(deleted) = list.deleted.as_ref().filter(|_| !episodes.is_changing()) {
             let button = KeyButton::new("Bring back the deleted one").tone(Tone::Quiet).small().show(ui);
             let about =
-                format!("{} steps, driven {} UTC", deleted.n_steps, date(deleted.began_secs.max(0) as u64));
+                format!("{} steps, recorded {} UTC", deleted.n_steps, date(deleted.began_secs.max(0) as u64));
             if button.on_hover_text(about).clicked() {
                 let (dataset, recording) = (list.dataset.clone(), deleted.recording.clone());
                 commands.push(Command::Record(RecordCommand::RestoreEpisode { dataset, recording }));
@@ -158,20 +163,28 @@ pub(in crate::ui) fn list_ui(ui: &mut Ui, state: &View<'_>, commands: &mut Comma
     });
 }
 
+/// The share of steps in which what must not happen most goes on.
+fn unsafe_share(state: &View<'_>, summary: &Summary) -> f64 {
+    let is_unsafe = |name: &str| state.spec.events_of(EventKind::Safety).any(|event| event.name == name);
+    let shares = summary.events.iter().filter(|(name, _)| is_unsafe(name)).map(|(_, share)| *share);
+    shares.fold(0.0, f64::max)
+}
+
 fn row(ui: &mut Ui, state: &View<'_>, summary: &Summary, commands: &mut Commands) {
-    let off = match summary.grass {
+    let unsafe_share = unsafe_share(state, summary);
+    let off = match unsafe_share {
         0.0 => String::new(),
-        share => format!(" · {:.0} % off", (100.0 * share).max(1.0)),
+        share => format!(" · {:.0} % unsafe", (100.0 * share).max(1.0)),
     };
     let shared = if summary.n_planned > 0 { " · shared" } else { "" };
     let about = format!("{} steps{off}{shared}", summary.n_steps);
     let is_chosen = state.is_watching() && state.episodes.open.as_ref() == Some(&summary.recording);
     let response = row_button(ui, &format!("Episode {}", summary.number), &about, is_chosen);
     let hover = format!(
-        "Driven by {} on {} UTC, {:.1} % of the steps off the road\nLook at it again, or delete it",
+        "By {} on {} UTC, {:.1} % of the steps unsafe\nLook at it again, or delete it",
         summary.info.pilot,
         date(summary.began_secs.max(0) as u64),
-        100.0 * summary.grass
+        100.0 * unsafe_share
     );
     if response.on_hover_text(hover).clicked() && !state.episodes.is_changing() {
         commands.push(Command::Record(RecordCommand::Watch(Some(summary.recording.clone()))));

@@ -1,4 +1,4 @@
-//! The real car and the dream of the same drive, side by side, with how far they are apart.
+//! The real world and the dream of the same actions, side by side, with how far they are apart.
 
 use eframe::egui::{Ui, vec2};
 use egui_plot::Corner;
@@ -12,17 +12,18 @@ use crate::ui::widgets::clip::{Rim, picture_ui};
 use crate::ui::widgets::curve::{Curve, curves_ui};
 use crate::ui::widgets::gauge::row_ui;
 use crate::ui::widgets::keycap::{KeyButton, Tone};
+use crate::ui::widgets::layout::dream_shape;
 
-/// The dream's picture, `side` points wide.
-pub(in crate::ui) fn dream_beside_ui(ui: &mut Ui, state: &View<'_>, side: f32) {
+/// The dream's picture, `height` points high.
+pub(in crate::ui) fn dream_beside_ui(ui: &mut Ui, state: &View<'_>, height: f32) {
     let besides = &state.record.rollout;
     let label = besides.view.as_ref().map_or_else(
         || "The dream beside".to_owned(),
-        |view| format!("The dream beside, {} steps after it last saw the track", view.since),
+        |view| format!("The dream beside, {} steps after it last saw the world", view.since),
     );
-    let empty = "The dream of the same drive: it sees the track once and then only what you do.";
+    let empty = "The dream of the same actions: it sees the world once and then only what you do.";
     let picture = besides.picture.as_ref().filter(|_| state.record.is_on);
-    picture_ui(ui, picture, vec2(side, side), &label, empty, Rim::Plain);
+    picture_ui(ui, picture, vec2(height * dream_shape(state), height), &label, empty, Rim::Plain);
 }
 
 /// Whether and how a dream rides beside, and how far it has drifted.
@@ -30,12 +31,15 @@ pub(in crate::ui) fn drift_ui(ui: &mut Ui, state: &View<'_>, commands: &mut Comm
     let besides = &state.record.rollout;
     let is_on = besides.asked.is_some();
     let tone = if is_on { Tone::Chosen } else { Tone::Plain };
-    let button = KeyButton::new("Dream beside").key(state.settings.keys.of(KeyAction::Beside)).tone(tone);
+    let keys = &state.settings.keys;
+    let key =
+        if state.record.is_on { keys.free(KeyAction::Beside) } else { Some(keys.of(KeyAction::Beside)) };
+    let button = KeyButton::new("Dream beside").key(key).tone(tone);
     if button.enabled(state.world.loaded.is_some()).is_pressed(ui) {
         commands.push(Command::Record(RecordCommand::ToggleRollout));
     }
     let Some(asked) = besides.asked else {
-        ui.label(tokens::small(ui, "The world model dreams the same drive: see where it goes wrong"));
+        ui.label(tokens::small(ui, "The world model dreams the same actions: see where it goes wrong"));
         return;
     };
     ui.horizontal(|ui| {
@@ -44,8 +48,7 @@ pub(in crate::ui) fn drift_ui(ui: &mut Ui, state: &View<'_>, commands: &mut Comm
         for (name, reset) in [("never", None), ("25", Some(25)), ("50", Some(50)), ("100", Some(100))] {
             let tone = if asked.reset == reset { Tone::Chosen } else { Tone::Quiet };
             let response = KeyButton::new(name).tone(tone).small().show(ui);
-            let about = "After how many steps the dream sees the track again and begins anew; the planner \
-                         forgets everything after 50";
+            let about = "After how many steps the dream sees the world again and begins anew";
             if response.on_hover_text(about).clicked() {
                 commands.push(Command::Record(RecordCommand::ResetRollout(reset)));
             }

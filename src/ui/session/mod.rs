@@ -23,7 +23,7 @@ const AROUND: f32 = 580.0;
 
 pub(in crate::ui) fn sessions_ui(ui: &mut Ui, state: &View<'_>, commands: &mut Commands) {
     let modal = Modal::new(Id::unique("sessions")).frame(dialog_frame(ui)).show(ui.ctx(), |ui| {
-        ui.set_width(520.0);
+        ui.set_width(600.0);
         ui.label(tokens::title("Sessions"));
         ui.label(tokens::muted(ui, "A session holds dreams, answers and rewards. It saves itself."));
         ui.add_space(GAP);
@@ -62,7 +62,7 @@ fn new_ui(ui: &mut Ui, state: &View<'_>, commands: &mut Commands) {
         (Protocol::Request, "The same of trajectories made to be worth asking about"),
     ] {
         ui.horizontal(|ui| {
-            let tone = if protocol == Protocol::of_env(&state.env) { Tone::Primary } else { Tone::Plain };
+            let tone = if protocol == Protocol::of(&state.spec) { Tone::Primary } else { Tone::Plain };
             let button = KeyButton::new(protocol.name()).tone(tone).enabled(has_world);
             if button.width(160.0).is_pressed(ui) {
                 commands.push(Command::Session(SessionCommand::New(protocol)));
@@ -76,9 +76,12 @@ fn new_ui(ui: &mut Ui, state: &View<'_>, commands: &mut Commands) {
 fn import_ui(ui: &mut Ui, state: &View<'_>, commands: &mut Commands) {
     let recordings = "A folder of recorded episodes: world models are fitted to them, and new ones are added";
     let world = "A file of network parameters; its dreams are another session's";
-    for (name, purpose, about) in
-        [("Recordings…", Purpose::Recordings, recordings), ("World model…", Purpose::World, world)]
-    {
+    let other = "The world.toml of another world: the program begins anew with it, and this session is kept";
+    for (name, purpose, about) in [
+        ("Recordings…", Purpose::Recordings, recordings),
+        ("World model…", Purpose::World, world),
+        ("World…", Purpose::Env, other),
+    ] {
         let button = KeyButton::new(name).enabled(state.job.is_none()).show(ui);
         if button.on_hover_text(about).clicked() {
             commands.push(Command::Window(WindowCommand::Import(purpose)));

@@ -30,7 +30,7 @@ pub(in crate::ui) fn saving_ui(ui: &mut Ui, state: &View<'_>, commands: &mut Com
         ),
         SaveAs::Recording => (
             "Save elsewhere",
-            "All that was driven is written to another folder of recordings and goes on there.",
+            "All that was done is written to another folder of recordings and goes on there.",
             "The folder of recordings",
             "Save there",
         ),

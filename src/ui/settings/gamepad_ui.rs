@@ -5,7 +5,6 @@ use eframe::egui::{
     Stroke, StrokeKind, Ui, WidgetInfo, pos2, vec2,
 };
 
-use crate::env::controls::{ControlConfig, Pad, PedalAxis, SteerAxis};
 use crate::ui::View;
 use crate::ui::command::Commands;
 use crate::ui::input::PadButton;
@@ -13,7 +12,10 @@ use crate::ui::settings::SettingsCommand;
 use crate::ui::settings::gamepad::Place;
 use crate::ui::settings::keymap::KeyAction;
 use crate::ui::tokens::{self, GAP, Tokens};
+use crate::ui::widgets::gauge::capitalized;
 use crate::ui::widgets::keycap::{KeyButton, Tone, paint_arrow};
+use crate::world::Axis;
+use crate::world::controls::{AxisControls, ControlConfig, lever_of, levers_for};
 
 /// Where buttons are, on a pad of 300 by 190 points, and how large.
 const BUTTONS: [(PadButton, [f32; 2], f32); 12] = [
@@ -57,8 +59,8 @@ pub(in crate::ui) fn pad_ui(ui: &mut Ui, state: &View<'_>, commands: &mut Comman
         feel_ui(ui, state, commands);
         let ui = &mut columns[1];
         for (place, heading) in [
-            (Place::Waiting, "Before driving"),
-            (Place::Driving, "Driving"),
+            (Place::Waiting, "Before it begins"),
+            (Place::Driving, "In a dream or the real world"),
             (Place::Labeling, "Labeling"),
             (Place::Guided, "One question at a time"),
         ] {
@@ -184,13 +186,13 @@ fn button_ui(ui: &mut Ui, state: &View<'_>, button: PadButton, center: Pos2, rad
     response.on_hover_text(name)
 }
 
-/// Which stick steers, and how it answers.
+/// Which stick or trigger moves which axis, and how it answers.
 fn feel_ui(ui: &mut Ui, state: &View<'_>, commands: &mut Commands) {
-    let mut controls = state.settings.controls;
+    let mut controls = state.settings.controls.clone();
     Grid::new("axes").num_columns(2).spacing([12.0, 6.0]).show(ui, |ui| {
-        axis_ui(ui, "Steer", &mut controls.steer_by, &SteerAxis::ALL, SteerAxis::name);
-        axis_ui(ui, "Gas", &mut controls.gas_by, &PedalAxis::ALL, PedalAxis::name);
-        axis_ui(ui, "Brake", &mut controls.brake_by, &PedalAxis::ALL, PedalAxis::name);
+        for axis in &state.spec.axes {
+            axis_ui(ui, axis, &mut controls);
+        }
     });
     ui.spacing_mut().slider_width = 90.0;
     let dead_zone = Slider::new(&mut controls.dead_zone, 0.0..=0.5).fixed_decimals(2).text("dead zone");
@@ -203,14 +205,26 @@ fn feel_ui(ui: &mut Ui, state: &View<'_>, commands: &mut Commands) {
     }
 }
 
-fn axis_ui<A: Copy + PartialEq>(ui: &mut Ui, name: &str, axis: &mut A, all: &[A], of: fn(A) -> &'static str) {
-    let label = ui.label(tokens::muted(ui, name));
-    let combo = ComboBox::from_id_salt(name).selected_text(of(*axis)).width(150.0).show_ui(ui, |ui| {
-        for &other in all {
-            ui.selectable_value(axis, other, of(other));
+fn axis_ui(ui: &mut Ui, axis: &Axis, controls: &mut ControlConfig) {
+    let label = ui.label(tokens::muted(ui, capitalized(&axis.name)));
+    let wanted = controls.of(&axis.name);
+    let first = lever_of(axis);
+    let unnamed = if axis.pad.is_empty() { "nothing" } else { "as its file says" };
+    let name =
+        |lever: Option<crate::world::controls::Lever>| lever.or(first).map_or(unnamed, |lever| lever.name());
+    let mut chosen = wanted.pad;
+    let combo = ComboBox::from_id_salt(&axis.name).selected_text(name(chosen)).width(150.0);
+    let combo = combo.show_ui(ui, |ui| {
+        if first.is_none() {
+            ui.selectable_value(&mut chosen, None, unnamed);
+        }
+        for &lever in levers_for(axis) {
+            let value = Some(lever).filter(|lever| Some(*lever) != first);
+            ui.selectable_value(&mut chosen, value, lever.name());
         }
     });
     combo.response.labelled_by(label.id);
+    controls.set(&axis.name, AxisControls { pad: chosen, ..wanted });
     ui.end_row();
 }
 
@@ -224,13 +238,12 @@ fn response_ui(ui: &mut Ui, controls: &ControlConfig) {
     let stroke = Stroke::new(1.0, tokens.border);
     ui.painter().rect(rect, CornerRadius::same(4), tokens.stage, stroke, StrokeKind::Inside);
     let inner = rect.shrink(5.0);
-    let controls = ControlConfig { steer_by: SteerAxis::LeftStick, ..*controls };
     let point = |i: usize| {
         let stick = i as f32 / 30.0 - 1.0;
-        let steer = Pad { stick, ..Pad::default() }.action(&controls).steer;
+        let given = controls.beyond(stick);
         pos2(
             inner.left() + f32::midpoint(stick, 1.0) * inner.width(),
-            inner.center().y - steer / 2.0 * inner.height(),
+            inner.center().y - given / 2.0 * inner.height(),
         )
     };
     let line: Vec<Pos2> = (0..=60).map(point).collect();

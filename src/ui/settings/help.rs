@@ -3,30 +3,29 @@
 use eframe::egui::{Event, Grid, Id, Key, Modal, PointerButton, RichText, ScrollArea, Slider, Ui};
 
 use crate::app::{Command, WindowCommand};
-use crate::env::controls::ControlConfig;
 use crate::ui::View;
 use crate::ui::command::Commands;
 use crate::ui::settings::SettingsCommand;
 use crate::ui::settings::gamepad_ui::{pad_ui, told};
-use crate::ui::settings::keymap::{KeyAction, Rebinding, Taken};
+use crate::ui::settings::keymap::{KeyAction, Rebinding, Slot, Taken, known_key};
 use crate::ui::tokens::{self, GAP, Tokens};
+use crate::ui::widgets::gauge::capitalized;
 use crate::ui::widgets::keycap::{KeyButton, Tone, key_name, keycap_button};
 use crate::ui::widgets::layout::dialog_frame;
+use crate::world::Axis;
+use crate::world::controls::{AxisControls, key_share};
 
 type Rows = &'static [(&'static [KeyAction], &'static str)];
 
 const DRIVING: Rows = &[
-    (&[KeyAction::SteerLeft, KeyAction::SteerRight], "steer"),
-    (&[KeyAction::Gas], "gas"),
-    (&[KeyAction::Brake], "brake"),
     (&[KeyAction::Begin], "begin"),
     (&[KeyAction::Keep], "end and keep"),
     (&[KeyAction::Redo], "throw away and redo"),
     (&[KeyAction::Pause], "pause"),
     (&[KeyAction::Step], "one step, paused"),
     (&[KeyAction::Unsafe], "unsafe now"),
-    (&[KeyAction::HandOver], "planner or hand at the wheel"),
-    (&[KeyAction::Beside], "dream beside the real car"),
+    (&[KeyAction::HandOver], "planner or hand in control"),
+    (&[KeyAction::Beside], "dream beside the real world"),
     (&[KeyAction::Leave], "leave"),
 ];
 
@@ -54,7 +53,7 @@ const LABELING: Rows = &[
 /// What is not a matter of keys.
 const ON_SEEING: &str = "A pair can be answered once it has been on the screen for a tenth of a second and two pictures of \
     the window: a key that comes before is not taken. A dream or a recording pauses when the window loses the focus, and \
-    goes on when you say so; a drive by plan does not pause.";
+    goes on when you say so; a plan that is carried out does not pause.";
 
 pub(in crate::ui) fn help_ui(ui: &mut Ui, state: &View<'_>, commands: &mut Commands) {
     let modal = Modal::new(Id::unique("help")).frame(dialog_frame(ui)).show(ui.ctx(), |ui| {
@@ -81,7 +80,9 @@ pub(in crate::ui) fn help_ui(ui: &mut Ui, state: &View<'_>, commands: &mut Comma
                 return pad_ui(ui, state, commands);
             }
             ui.columns(2, |columns| {
-                keys_ui(&mut columns[0], state, "Driving", DRIVING, commands);
+                moves_ui(&mut columns[0], state, commands);
+                columns[0].add_space(GAP);
+                keys_ui(&mut columns[0], state, "In a dream or the real world", DRIVING, commands);
                 columns[0].add_space(GAP);
                 controls_ui(&mut columns[0], state, commands);
                 keys_ui(&mut columns[1], state, "Labeling", LABELING, commands);
@@ -130,24 +131,53 @@ fn key_down(event: &Event) -> Option<Key> {
 fn told_ui(ui: &mut Ui, state: &View<'_>, commands: &mut Commands) {
     ui.horizontal(|ui| {
         ui.set_min_height(28.0);
-        let Some(Rebinding { slot: (key_action, _), wanted }) = state.settings.rebinding else {
+        let Some(Rebinding { slot, wanted }) = state.settings.rebinding else {
             ui.label(tokens::muted(ui, "Click a key to change it."));
             return;
         };
-        let name = key_action.name();
+        let keys = &state.settings.keys;
+        let name = keys.name_of(slot);
         let Some((key, taken)) = wanted else {
             ui.label(tokens::muted(ui, format!("Press the new key of “{name}”, or Esc to leave it.")));
             return;
         };
         let (whose, can_swap) = match taken {
-            Taken::By((other, _)) => (other.name(), true),
-            Taken::Fixed(what) => (what, false),
+            Taken::By(other) => (keys.name_of(other), true),
+            Taken::Fixed(what) => (what.to_owned(), false),
         };
         let text = format!("{} is the key of “{whose}”. Press another", key_name(key));
         let text = text + if can_swap { ", or" } else { "." };
         ui.label(RichText::new(text).color(Tokens::of(ui).warn));
         if can_swap && KeyButton::new("Swap them").small().show(ui).clicked() {
             commands.push(SettingsCommand::SwapKeys);
+        }
+    });
+}
+
+/// Keys of an axis that stand beside each other.
+const KEYS_A_ROW: usize = 4;
+
+/// The keys that move the world's axes: for each axis a row, or more where it has many.
+fn moves_ui(ui: &mut Ui, state: &View<'_>, commands: &mut Commands) {
+    ui.label(RichText::new(&state.spec.title).strong().color(Tokens::of(ui).text));
+    let has_keys = |axis: &&Axis| !axis.keys.is_empty();
+    if !state.spec.axes.iter().any(|axis| has_keys(&axis)) {
+        ui.label(tokens::small(ui, "Its file names no keys: a gamepad or the planner moves it"));
+    }
+    Grid::new("moves").num_columns(2).spacing([16.0, 8.0]).min_row_height(20.0).show(ui, |ui| {
+        ui.spacing_mut().interact_size.y = 20.0;
+        for axis in state.spec.axes.iter().filter(has_keys) {
+            let keys: Vec<_> = axis.keys.iter().filter_map(|input| known_key(&input.key)).collect();
+            for (idx, row) in keys.chunks(KEYS_A_ROW).enumerate() {
+                ui.horizontal(|ui| {
+                    ui.spacing_mut().item_spacing.x = 4.0;
+                    for name in row {
+                        cap_ui(ui, state, Slot::Move(name), state.settings.keys.of_move(name), commands);
+                    }
+                });
+                ui.label(tokens::muted(ui, if idx == 0 { &axis.name } else { "" }));
+                ui.end_row();
+            }
         }
     });
 }
@@ -162,19 +192,35 @@ fn keys_ui(ui: &mut Ui, state: &View<'_>, heading: &str, rows: Rows, commands: &
                 ui.spacing_mut().item_spacing.x = 4.0;
                 for &key_action in *key_actions {
                     for (idx, &key) in state.settings.keys.all(key_action).iter().enumerate() {
-                        cap_ui(ui, state, (key_action, idx), key, commands);
+                        cap_ui(ui, state, Slot::Of(key_action, idx), key, commands);
                     }
                 }
             });
-            ui.label(tokens::muted(ui, *what));
+            ui.label(tokens::muted(
+                ui,
+                lost(state, key_actions)
+                    .map_or_else(|| (*what).to_owned(), |moves| format!("{what} (not while {moves})")),
+            ));
             ui.end_row();
         }
     });
 }
 
-fn cap_ui(ui: &mut Ui, state: &View<'_>, slot: (KeyAction, usize), key: Key, commands: &mut Commands) {
+/// What this world moves by the key of one of these, if it does: then that key does not do this while the world is acted in.
+fn lost(state: &View<'_>, key_actions: &[KeyAction]) -> Option<String> {
+    let keys = &state.settings.keys;
+    let is_driving = |key_action: &&KeyAction| **key_action < KeyAction::OnlyLeft;
+    let moved = key_actions
+        .iter()
+        .filter(is_driving)
+        .find_map(|it| Some((keys.of(*it), keys.driving(keys.of(*it))?)));
+    moved.map(|(key, name)| format!("{} moves {}", key_name(key), keys.name_of(Slot::Move(name))))
+}
+
+fn cap_ui(ui: &mut Ui, state: &View<'_>, slot: Slot, key: Key, commands: &mut Commands) {
     let waiting = state.settings.rebinding.map(|rebinding| rebinding.slot);
-    let response = keycap_button(ui, key, slot.0.name(), waiting == Some(slot));
+    let name = state.settings.keys.name_of(slot);
+    let response = keycap_button(ui, key, &name, waiting == Some(slot));
     // While a key is awaited, Space and Enter are keys like others.
     let is_hit =
         if waiting.is_none() { response.clicked() } else { response.clicked_by(PointerButton::Primary) };
@@ -183,15 +229,18 @@ fn cap_ui(ui: &mut Ui, state: &View<'_>, slot: (KeyAction, usize), key: Key, com
     }
 }
 
-/// How much a held key gives, and where a pad begins to give something.
+/// How far held keys move each axis.
 fn controls_ui(ui: &mut Ui, state: &View<'_>, commands: &mut Commands) {
-    ui.label(RichText::new("At the wheel").strong().color(Tokens::of(ui).text));
-    let mut controls = state.settings.controls;
-    let ControlConfig { key_steer, key_gas, key_brake, .. } = &mut controls;
-    for (value, name) in
-        [(key_steer, "steering of a key"), (key_gas, "gas of a key"), (key_brake, "brake of a key")]
-    {
-        ui.add(Slider::new(value, 0.0..=1.0).fixed_decimals(2).text(name));
+    ui.label(RichText::new("How far keys move it").strong().color(Tokens::of(ui).text));
+    let mut controls = state.settings.controls.clone();
+    for axis in state.spec.axes.iter().filter(|axis| !axis.keys.is_empty()) {
+        let (wanted, first) = (controls.of(&axis.name), key_share(axis));
+        let mut share = wanted.keys.unwrap_or(first);
+        let slider = Slider::new(&mut share, 0.0..=1.0).fixed_decimals(2).text(capitalized(&axis.name));
+        if ui.add(slider).on_hover_text("A share of the way from its neutral value to its end").changed() {
+            let keys = Some(share).filter(|share| *share != first);
+            controls.set(&axis.name, AxisControls { keys, ..wanted });
+        }
     }
     ui.label(tokens::small(ui, "With Shift, keys give half of that."));
     if controls != state.settings.controls {

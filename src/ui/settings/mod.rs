@@ -9,10 +9,11 @@ mod ron;
 
 use eframe::egui::{Context, Key, ThemePreference};
 
-use crate::env::controls::{ControlConfig, Pad};
 use crate::ui::input::PadButton;
 use crate::ui::settings::gamepad::Buttons;
 use crate::ui::settings::keymap::{KeyAction, Keys, Rebinding, Slot, Taken};
+use crate::world::WorldSpec;
+use crate::world::controls::{ControlConfig, Pad};
 
 /// On what the window looks like and what keys and pads do.
 #[derive(Clone, Debug, PartialEq)]
@@ -64,17 +65,17 @@ pub(crate) struct Settings {
 }
 
 impl Settings {
-    /// As they are at first, in a window that is drawn by `adapter`.
-    pub(crate) fn new(adapter: String) -> Self {
+    /// As they are at first for this world, in a window that is drawn by `adapter`.
+    pub(crate) fn new(spec: &WorldSpec, adapter: String) -> Self {
         Self {
             theme: ThemePreference::default(),
-            keys: Keys::default(),
+            keys: Keys::of_world(spec),
             rebinding: None,
             buttons: Buttons::default(),
             rebinding_button: None,
             pad: Pad::default(),
             is_gamepad_shown: false,
-            controls: ControlConfig::paper(),
+            controls: ControlConfig::default(),
             adapter,
             pads: Vec::new(),
             pad_in_use: None,
@@ -82,7 +83,7 @@ impl Settings {
     }
 
     /// Carries out what was asked; whether all that is held is to be let go.
-    pub(crate) fn command(&mut self, ctx: &Context, command: SettingsCommand) -> bool {
+    pub(crate) fn command(&mut self, ctx: &Context, spec: &WorldSpec, command: SettingsCommand) -> bool {
         match command {
             SettingsCommand::Theme(theme) => {
                 self.theme = theme;
@@ -99,7 +100,7 @@ impl Settings {
                 }
             }
             SettingsCommand::Reset => {
-                (self.keys, self.controls) = (Keys::default(), ControlConfig::paper());
+                (self.keys, self.controls) = (Keys::of_world(spec), ControlConfig::default());
                 self.buttons = Buttons::default();
                 self.stop_rebinding();
             }

@@ -16,12 +16,13 @@ use serde::de::{DeserializeOwned, IntoDeserializer as _};
 
 use crate::app::label::{BREAK_MINUTES, MOST_HELD_BACK, MOST_REPEATS, NORMAL_SPEED};
 use crate::app::{Budget, Command, Field, LabelCommand, QuerySelection, State, WindowCommand};
-use crate::env::controls::ControlConfig;
 use crate::ui::input::PadButton;
 use crate::ui::settings::Settings;
 use crate::ui::settings::gamepad::Buttons;
-use crate::ui::settings::keymap::{KeyAction, Keys};
+use crate::ui::settings::keymap::{KeyAction, Keys, MovedKeys, known_key};
 use crate::ui::settings::ron::{self, Value, fields_of};
+use crate::world::WorldSpec;
+use crate::world::controls::{AxisControls, ControlConfig, Lever};
 
 /// The name under which the system keeps it.
 const NAME: &str = "preferences";
@@ -54,6 +55,8 @@ const BREAKS: RangeInclusive<f64> = 0.0..=1440.0;
 pub struct Preferences {
     theme: ThemePreference,
     keys: Keys,
+    /// The keys that somebody has for those of worlds' files.
+    moves: MovedKeys,
     controls: ControlConfig,
     #[serde(rename = "pads")]
     buttons: Buttons,
@@ -101,7 +104,8 @@ impl Default for Preferences {
         Self {
             theme: ThemePreference::System,
             keys: Keys::default(),
-            controls: ControlConfig::paper(),
+            moves: MovedKeys::new(),
+            controls: ControlConfig::default(),
             buttons: Buttons::default(),
             clip_speed: NORMAL_SPEED,
             is_guided: false,
@@ -142,7 +146,8 @@ impl Preferences {
         let Some(value) = value else { return problems.note(&name, "it cannot be read") };
         match name.as_str() {
             "theme" => problems.put(&name, &mut self.theme, named(&value)),
-            "keys" => self.keys = keys(&value, problems),
+            "keys" => self.keys = keys(&value, &mut self.moves, problems),
+            "moves" => moves(&mut self.moves, &value, problems),
             "controls" => controls(&mut self.controls, &value, problems),
             "pads" => self.buttons = buttons(&value, problems),
             "clip_speed" => problems.put(&name, &mut self.clip_speed, number(&value, SPEEDS)),
@@ -181,7 +186,8 @@ impl Preferences {
         Self {
             theme: settings.theme,
             keys: settings.keys.clone(),
-            controls: settings.controls,
+            moves: settings.keys.moved().clone(),
+            controls: settings.controls.clone(),
             buttons: settings.buttons.clone(),
             clip_speed: state.label.speed,
             is_guided: state.label.is_guided,
@@ -194,9 +200,10 @@ impl Preferences {
     }
 
     /// Brings it into the window; what is the application's business is told in commands.
-    fn apply(self, ctx: &Context, settings: &mut Settings) -> Vec<Command> {
+    fn apply(self, ctx: &Context, spec: &WorldSpec, settings: &mut Settings) -> Vec<Command> {
         ctx.set_theme(self.theme);
-        (settings.theme, settings.keys, settings.buttons) = (self.theme, self.keys, self.buttons);
+        (settings.theme, settings.buttons) = (self.theme, self.buttons);
+        settings.keys = self.keys.in_world(spec, self.moves);
         settings.controls = self.controls.clamped();
         let label = [
             LabelCommand::Speed(self.clip_speed),
@@ -216,6 +223,7 @@ impl Leftover {
         &mut self,
         ctx: &Context,
         storage: Option<&dyn Storage>,
+        spec: &WorldSpec,
         settings: &mut Settings,
     ) -> Vec<Command> {
         let Some(storage) = storage else { return Vec::new() };
@@ -227,7 +235,7 @@ impl Leftover {
             .iter()
             .filter_map(kept)
             .any(|kept| preferences.unknown.iter().all(|field| kept.unknown.contains(field)));
-        let mut commands = preferences.apply(ctx, settings);
+        let mut commands = preferences.apply(ctx, spec, settings);
         // A newer program's fields are no news once they were told of.
         let is_told = is_kept && problems.iter().all(|problem| problem.is_unknown);
         if !problems.is_empty() && !is_told {
@@ -451,22 +459,109 @@ fn parts<'a>(name: &str, value: &'a Value, problems: &mut Problems) -> Vec<(Stri
 
 fn controls(config: &mut ControlConfig, value: &Value, problems: &mut Problems) {
     for (name, own, value) in parts("controls", value, problems) {
-        let within = |high| number(value, 0.0..=high).map(|number| number as f32);
         match own {
-            "key_steer" => problems.put(&name, &mut config.key_steer, within(1.0)),
-            "key_gas" => problems.put(&name, &mut config.key_gas, within(1.0)),
-            "key_brake" => problems.put(&name, &mut config.key_brake, within(1.0)),
-            "dead_zone" => problems.put(&name, &mut config.dead_zone, within(0.9)),
+            "dead_zone" => {
+                let zone = number(value, 0.0..=0.9).map(|number| number as f32);
+                problems.put(&name, &mut config.dead_zone, zone);
+            }
             "curve" => {
                 let curve = number(value, 1.0..=3.0).map(|number| number as f32);
                 problems.put(&name, &mut config.curve, curve);
             }
-            "steer_by" => problems.put(&name, &mut config.steer_by, named(value)),
-            "gas_by" => problems.put(&name, &mut config.gas_by, named(value)),
-            "brake_by" => problems.put(&name, &mut config.brake_by, named(value)),
-            _ => problems.note(&name, "this program does not know it"),
+            "axes" => axes(config, value, problems),
+            _ => match former(own) {
+                Some(former) => former.take(config, &name, value, problems),
+                None => problems.note(&name, "this program does not know it"),
+            },
         }
     }
+}
+
+/// What somebody wants of axes, by their names.
+fn axes(config: &mut ControlConfig, value: &Value, problems: &mut Problems) {
+    let Value::Map(all) = value else { return problems.note("controls.axes", "it is of another kind") };
+    for (axis, value) in all {
+        let Ok(axis) = line(axis) else {
+            problems.note("controls.axes", "it is no name of an axis");
+            continue;
+        };
+        let mut wanted = AxisControls::default();
+        for (name, own, value) in parts(&format!("controls.axes.{axis}"), value, problems) {
+            match own {
+                "keys" => problems.put(&name, &mut wanted.keys, optional(value, share)),
+                "pad" => problems.put(&name, &mut wanted.pad, optional(value, named)),
+                _ => problems.note(&name, "this program does not know it"),
+            }
+        }
+        config.set(&axis, wanted);
+    }
+}
+
+fn share(value: &Value) -> Result<f32, String> {
+    number(value, 0.0..=1.0).map(|number| number as f32)
+}
+
+/// A value that may be none.
+fn optional<T>(value: &Value, read: fn(&Value) -> Result<T, String>) -> Result<Option<T>, String> {
+    match value {
+        Value::Word(word) if word == "None" => Ok(None),
+        Value::Call(name, values) if name == "Some" && values.len() == 1 => read(&values[0]).map(Some),
+        value => read(value).map(Some),
+    }
+}
+
+/// A setting of the times when only cars were driven: of which axis it is, and what it was where nobody had set it, which
+/// then says nothing.
+struct Former {
+    axis: &'static str,
+    first: &'static str,
+}
+
+fn former(field: &str) -> Option<Former> {
+    let (axis, first) = match field {
+        "key_steer" => ("steer", "1"),
+        "key_gas" => ("gas", "1"),
+        "key_brake" => ("brake", "0.8"),
+        "steer_by" => ("steer", "LeftStick"),
+        "gas_by" => ("gas", "RightTrigger"),
+        "brake_by" => ("brake", "LeftTrigger"),
+        _ => return None,
+    };
+    Some(Former { axis, first })
+}
+
+impl Former {
+    fn take(&self, config: &mut ControlConfig, name: &str, value: &Value, problems: &mut Problems) {
+        let mut wanted = config.of(self.axis);
+        if let Ok(first) = self.first.parse::<f32>() {
+            let mut keys = None;
+            problems.put(name, &mut keys, share(value).map(Some));
+            wanted.keys = keys.filter(|keys| *keys != first).or(wanted.keys);
+        } else {
+            let mut lever = None;
+            let read = word(value).and_then(|word| {
+                former_lever(word).ok_or_else(|| format!("nothing here is called {}", shortened(word)))
+            });
+            problems.put(name, &mut lever, read.map(Some));
+            wanted.pad = lever.filter(|lever| Some(*lever) != former_lever(self.first)).or(wanted.pad);
+        }
+        config.set(self.axis, wanted);
+    }
+}
+
+/// What of a pad was called so.
+fn former_lever(name: &str) -> Option<Lever> {
+    Some(match name {
+        "LeftStick" => Lever::LeftStickSideways,
+        "RightStick" => Lever::RightStickSideways,
+        "LeftTrigger" => Lever::LeftTrigger,
+        "RightTrigger" => Lever::RightTrigger,
+        "LeftUp" => Lever::LeftStickUp,
+        "LeftDown" => Lever::LeftStickDown,
+        "RightUp" => Lever::RightStickUp,
+        "RightDown" => Lever::RightStickDown,
+        _ => return None,
+    })
 }
 
 fn selection(selection: &mut QuerySelection, value: &Value, problems: &mut Problems) {
@@ -519,14 +614,35 @@ fn by_deed<'a>(
     found
 }
 
-fn keys(value: &Value, problems: &mut Problems) -> Keys {
+/// What was done by two keys each when only cars were driven: by the names that their files have for them.
+const FORMER_MOVES: [(&str, [&str; 2]); 4] = [
+    ("SteerLeft", ["Left", "A"]),
+    ("SteerRight", ["Right", "D"]),
+    ("Gas", ["Up", "W"]),
+    ("Brake", ["Down", "S"]),
+];
+
+fn keys(value: &Value, moved: &mut MovedKeys, problems: &mut Problems) -> Keys {
+    let (former, value) = without_former_moves(value);
+    for (deed, names, value) in former {
+        let name = format!("keys.{deed}");
+        let wanted = key_list(value).and_then(|keys| match keys.len() {
+            2 if keys[0] != keys[1] => Ok(keys),
+            2 => Err(format!("{} twice", keys[0].name())),
+            n => Err(format!("{n} keys where it has 2")),
+        });
+        match wanted {
+            Ok(wanted) => {
+                for (key_name, key) in names.into_iter().filter_map(known_key).zip(wanted) {
+                    move_key(moved, &name, key_name, key, problems);
+                }
+            }
+            Err(what) => problems.note(&name, &what),
+        }
+    }
     let mut own = BTreeMap::new();
-    for (key_action, name, value) in by_deed("keys", value, problems) {
-        let keys = match value {
-            Value::List(keys) => keys.iter().map(named::<Key>).collect(),
-            _ => Err("it is no list of keys".to_owned()),
-        };
-        match keys {
+    for (key_action, name, value) in by_deed("keys", &value, problems) {
+        match key_list(value) {
             Ok(keys) => drop(own.insert(key_action, keys)),
             Err(what) => problems.note(&name, &what),
         }
@@ -536,6 +652,51 @@ fn keys(value: &Value, problems: &mut Problems) -> Keys {
         problems.note(&format!("keys.{key_action:?}"), &what);
     }
     keys
+}
+
+fn key_list(value: &Value) -> Result<Vec<Key>, String> {
+    match value {
+        Value::List(keys) => keys.iter().map(named::<Key>).collect(),
+        _ => Err("it is no list of keys".to_owned()),
+    }
+}
+
+/// Something that was done by two keys, and which they are now.
+type FormerMove<'a> = (&'static str, [&'static str; 2], &'a Value);
+
+/// What a map says of keys that moved cars, and the map without that.
+fn without_former_moves(value: &Value) -> (Vec<FormerMove<'_>>, Value) {
+    let Value::Map(entries) = value else { return (Vec::new(), value.clone()) };
+    let of = |key: &Value| FORMER_MOVES.into_iter().find(|(deed, _)| word(key) == Ok(*deed));
+    let former = entries.iter().filter_map(|(key, value)| of(key).map(|(deed, names)| (deed, names, value)));
+    let rest = entries.iter().filter(|(key, _)| of(key).is_none()).cloned();
+    (former.collect(), Value::Map(rest.collect()))
+}
+
+/// Has `key` for the one of this name, unless another name has it.
+fn move_key(moved: &mut MovedKeys, field: &str, name: &'static str, key: Key, problems: &mut Problems) {
+    if Key::from_name(name) == Some(key) {
+        moved.remove(name);
+        return;
+    }
+    let is_fixed = matches!(key, Key::Questionmark | Key::Slash | Key::F1 | Key::Tab);
+    let has_other = moved.iter().any(|(other, own)| *other != name && *own == key);
+    if is_fixed || has_other {
+        return problems.note(field, &format!("{} has another use", key.name()));
+    }
+    moved.insert(name, key);
+}
+
+fn moves(moved: &mut MovedKeys, value: &Value, problems: &mut Problems) {
+    let Value::Map(entries) = value else { return problems.note("moves", "it is of another kind") };
+    for (name, key) in entries {
+        let known = line(name).ok().as_deref().and_then(known_key);
+        match (known, named::<Key>(key)) {
+            (Some(known), Ok(key)) => move_key(moved, &format!("moves.{known}"), known, key, problems),
+            (Some(known), Err(what)) => problems.note(&format!("moves.{known}"), &what),
+            (None, _) => problems.note("moves", "no world moves anything by such a key"),
+        }
+    }
 }
 
 fn buttons(value: &Value, problems: &mut Problems) -> Buttons {
@@ -558,18 +719,37 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
+    use crate::ui::settings::keymap::Slot;
+
+    #[test]
+    fn what_was_set_when_only_cars_were_driven_counts_still() {
+        let text = "(keys:{SteerLeft:[ArrowLeft,J],Gas:[I,W],Brake:[ArrowDown,S]},controls:(key_steer:1.0,key_gas:0.25,\
+            key_brake:0.8,dead_zone:0.2,curve:1.0,steer_by:RightStick,gas_by:RightTrigger,brake_by:LeftDown))";
+        let (read, problems) = Preferences::read(text);
+        assert_eq!(problems, []);
+        assert_eq!(read.moves, MovedKeys::from([("A", Key::J), ("Up", Key::I)]));
+        let wanted = |keys, pad| AxisControls { keys, pad };
+        assert_eq!(read.controls.dead_zone, 0.2);
+        assert_eq!(read.controls.of("steer"), wanted(None, Some(Lever::RightStickSideways)));
+        assert_eq!(read.controls.of("gas"), wanted(Some(0.25), None));
+        assert_eq!(read.controls.of("brake"), wanted(None, Some(Lever::LeftStickDown)));
+        assert_eq!(Preferences::read(&read.text()), (read, Vec::new()));
+    }
 
     /// What somebody may have set.
     fn lived_in() -> Preferences {
         let mut keys = Keys::default();
-        keys.bind((KeyAction::Keep, 0), Key::K);
-        keys.bind((KeyAction::OnlyLeft, 0), Key::D);
+        keys.bind(Slot::Of(KeyAction::Keep, 0), Key::K);
+        keys.bind(Slot::Of(KeyAction::OnlyLeft, 0), Key::D);
+        let mut controls = ControlConfig { curve: 2.5, ..ControlConfig::default() };
+        controls.set("gas", AxisControls { keys: Some(0.25), pad: Some(Lever::LeftStickUp) });
         let mut buttons = Buttons::default();
         buttons.bind(KeyAction::Keep, PadButton::East);
         Preferences {
             theme: ThemePreference::Dark,
             keys,
-            controls: ControlConfig { key_gas: 0.25, curve: 2.5, ..ControlConfig::paper() },
+            moves: MovedKeys::from([("A", Key::J), ("Up", Key::I)]),
+            controls,
             buttons,
             clip_speed: 35.0,
             is_guided: true,
@@ -611,7 +791,11 @@ mod tests {
             ("budget:minutes(60)", "budget:hours(1)", "budget"),
             ("break_minutes:0", "break_minutes:-1", "break_minutes"),
             ("break_minutes:0", "break_minutes:2.5", "break_minutes"),
-            ("key_gas:0.25", "key_gas:NaN", "controls.key_gas"),
+            ("keys:Some(0.25)", "keys:Some(NaN)", "controls.axes.gas.keys"),
+            ("pad:Some(LeftStickUp)", "pad:Some(Nose)", "controls.axes.gas.pad"),
+            ("\"A\":J", "\"A\":Jay", "moves.A"),
+            ("\"A\":J", "\"Ä\":J", "moves"),
+            ("\"A\":J", "\"A\":F1", "moves.A"),
             ("curve:2.5", "curve:-3", "controls.curve"),
             ("again:10", "again:99", "asking.again"),
             ("Keep:East", "Keep:East,Keep:East", "pads.Keep"),
@@ -633,7 +817,7 @@ mod tests {
             ("Keep:[]", "keys.Keep"),
             ("Keep:[K,L]", "keys.Keep"),
             ("Keep:K", "keys.Keep"),
-            ("Keep:[S]", "keys.Keep"),
+            ("Keep:[R]", "keys.Keep"),
             ("Keep:[F1]", "keys.Keep"),
             ("Flag:[Num1]", "keys.Flag"),
             ("Gas:[W,W]", "keys.Gas"),
@@ -763,7 +947,8 @@ mod tests {
                 }
             }
             let (read, _) = Preferences::read(&text);
-            prop_assert!(SPEEDS.contains(&read.clip_speed) && read.controls == read.controls.clamped());
+            prop_assert!(SPEEDS.contains(&read.clip_speed));
+            prop_assert_eq!(&read.controls, &read.controls.clone().clamped());
             prop_assert_eq!(Keys::with(read.keys.clone().into()).1, []);
             // What comes of it is written and read without a loss.
             let (again, problems) = Preferences::read(&read.text());

@@ -4,32 +4,53 @@ use eframe::egui::{
     Align2, Color32, CornerRadius, FontId, Rect, Response, Role, Sense, Ui, WidgetInfo, lerp, pos2, vec2,
 };
 
-use crate::env::Action;
 use crate::ui::tokens::{self, Tokens};
+use crate::world::{Action, Axis, Status};
 
-/// Steer, gas and brake as bars.
-pub(crate) fn action_ui(ui: &mut Ui, action: Action) {
+/// Bars beyond so many are left out: a whole robot does not fit.
+const MOST_BARS: usize = 12;
+/// Points that a name has at least, left of its bar.
+const LEAST_NAME: f32 = 56.0;
+
+/// What is done as bars, one for each axis, the first ones where there are many. Without a number nothing is done.
+pub(crate) fn action_ui(ui: &mut Ui, axes: &[Axis], action: Action) {
     let tokens = Tokens::of(ui);
-    bar_ui(ui, "Steer", action.steer, true, tokens.accent);
-    bar_ui(ui, "Gas", action.gas, false, tokens.good);
-    bar_ui(ui, "Brake", action.brake, false, tokens.warn);
+    let colors = [tokens.accent, tokens.good, tokens.warn];
+    let shown = || axes.iter().take(MOST_BARS);
+    // All bars begin at one place, right of the longest name.
+    let width_of = |axis: &Axis| {
+        let text = capitalized(&axis.name);
+        ui.painter().layout_no_wrap(text, FontId::proportional(13.0), tokens.muted).size().x + 10.0
+    };
+    let most = (ui.available_width() * 0.5).max(LEAST_NAME);
+    let room = shown().map(width_of).fold(LEAST_NAME, f32::max).min(most);
+    for (i, axis) in shown().enumerate() {
+        let value = action.get(i).copied().unwrap_or(axis.neutral);
+        bar_ui(ui, axis, value, room, colors[i % colors.len()]);
+    }
+    if axes.len() > MOST_BARS {
+        ui.label(tokens::small(ui, format!("and {} more", axes.len() - MOST_BARS)));
+    }
 }
 
-/// A bar for `value`, in `[-1, 1]` from the middle or in `[0, 1]` from the left.
-fn bar_ui(ui: &mut Ui, label: &str, value: f32, is_signed: bool, color: Color32) {
+/// A bar for `value` from where the axis is neutral, with `room` points for its name.
+fn bar_ui(ui: &mut Ui, axis: &Axis, value: f32, room: f32, color: Color32) {
+    let label = &capitalized(&axis.name);
+    let share_of = |value: f32| (value - axis.low) / (axis.high - axis.low);
+    let is_signed = axis.neutral > axis.low && axis.neutral < axis.high;
     let tokens = Tokens::of(ui);
     let (rect, response) = ui.allocate_exact_size(vec2(ui.available_width(), 18.0), Sense::hover());
     response.widget_info(|| WidgetInfo::labeled(Role::Meter, true, format!("{label} {value:.1}")));
     let painter = ui.painter();
-    painter.text(rect.left_center(), Align2::LEFT_CENTER, label, FontId::proportional(13.0), tokens.muted);
+    let named = painter.with_clip_rect(rect.with_max_x(rect.left() + room - 4.0));
+    named.text(rect.left_center(), Align2::LEFT_CENTER, label, FontId::proportional(13.0), tokens.muted);
     let track = Rect::from_min_max(
-        pos2(rect.left() + 56.0, rect.center().y - 3.0),
+        pos2(rect.left() + room, rect.center().y - 3.0),
         rect.right_center() + vec2(0.0, 3.0),
     );
     painter.rect_filled(track, CornerRadius::same(3), tokens.border);
-    let zero = if is_signed { track.center().x } else { track.left() };
-    let share = if is_signed { value.mul_add(0.5, 0.5) } else { value };
-    let tip = lerp(track.x_range(), share.clamp(0.0, 1.0));
+    let at = |value: f32| lerp(track.x_range(), share_of(value).clamp(0.0, 1.0));
+    let (zero, tip) = (at(axis.neutral), at(value));
     let filled = Rect::from_x_y_ranges(zero.min(tip)..=zero.max(tip), track.y_range());
     painter.rect_filled(filled, CornerRadius::same(3), color);
     if is_signed {
@@ -76,14 +97,19 @@ pub(crate) fn row_color_ui(ui: &mut Ui, name: &str, value: impl Into<String>, co
     response
 }
 
-/// How many wheels are off the road at this moment, beside the environment's own flag.
-pub(crate) fn wheels_ui(ui: &mut Ui, n: u8) {
+/// What of this moment is worth a few words, where something is.
+pub(crate) fn status_ui(ui: &mut Ui, status: Option<&Status>) {
+    let Some(Status { text, is_fine }) = status else { return };
     let tokens = Tokens::of(ui);
-    let color = if n > 0 { tokens.warn } else { tokens.text };
-    row_color_ui(ui, "Wheels off the road", format!("{n} of 4"), color).on_hover_text(
-        "As the wheels touch it now. The rate of grass counts by the environment's own flag, as the paper does, \
-         which the last wheel to come upon a tile or to leave one sets.",
-    );
+    let color = if *is_fine { tokens.text } else { tokens.warn };
+    row_color_ui(ui, "Now", text, color)
+        .on_hover_text("As the world says it of this moment. Rates count by the events of its file.");
+}
+
+/// A name as a label begins.
+pub(crate) fn capitalized(name: &str) -> String {
+    let mut letters = name.chars();
+    letters.next().map(|first| first.to_uppercase().chain(letters).collect()).unwrap_or_default()
 }
 
 /// A row that can be chosen.

@@ -45,9 +45,9 @@ impl<'a> KeyButton<'a> {
         }
     }
 
-    /// The key that presses it.
-    pub(crate) fn key(mut self, key: Key) -> Self {
-        self.key = Some(key);
+    /// The key that presses it, if one does.
+    pub(crate) fn key(mut self, key: impl Into<Option<Key>>) -> Self {
+        self.key = key.into();
         self
     }
 

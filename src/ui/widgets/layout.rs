@@ -1,8 +1,13 @@
 //! Cards, columns and headings: the same room everywhere.
 
-use eframe::egui::{Align, Frame, Layout, Margin, Rect, RichText, ScrollArea, Stroke, Ui, UiBuilder, pos2};
+use eframe::egui::{
+    Align, Frame, Layout, Margin, Rect, RichText, ScrollArea, Stroke, Ui, UiBuilder, Vec2, pos2, vec2,
+};
+
+use crate::app::{Picture, State};
 
 use crate::ui::tokens::{self, CORNER, GAP, Tokens};
+use crate::world::{Size, SourceKind};
 
 /// A group of things that belong together.
 pub(crate) fn card<R>(ui: &mut Ui, contents: impl FnOnce(&mut Ui) -> R) -> R {
@@ -46,6 +51,42 @@ pub(crate) fn heading(ui: &mut Ui, title: &str, sentence: &str) {
 pub(crate) fn beside_picture(ui: &Ui, shape: f32, below: f32) -> f32 {
     let room = ui.available_size();
     (room.x - (room.y - below) * shape - 2.0 * GAP).clamp(268.0, 460.0)
+}
+
+/// Width by height of what networks see: of dreams, clips and recordings.
+pub(crate) fn dream_shape(state: &State) -> f32 {
+    shape_of(state.spec().image.trained())
+}
+
+/// Width by height of the real scene: of `picture`, or as it is to be expected.
+pub(crate) fn scene_shape(state: &State, picture: Option<&Picture>) -> f32 {
+    let spec = state.spec();
+    match picture {
+        Some(picture) => picture.width as f32 / picture.height.max(1) as f32,
+        None if spec.source.kind == SourceKind::BuiltIn => 600.0 / 480.0,
+        None => shape_of(spec.image.framed()),
+    }
+}
+
+fn shape_of(size: Size) -> f32 {
+    size.width as f32 / size.height.max(1) as f32
+}
+
+/// The largest size within `room` whose width by height is `shape`.
+pub(crate) fn within(room: Vec2, shape: f32) -> Vec2 {
+    let width = room.x.min(room.y * shape);
+    vec2(width, width / shape)
+}
+
+/// The size of a picture of this shape that leaves `below` points under it.
+pub(crate) fn fitting(ui: &Ui, shape: f32, below: f32) -> Vec2 {
+    let room = ui.available_size();
+    within(vec2(room.x.max(120.0), (room.y - below).max(120.0)), shape)
+}
+
+/// The size of a small picture of what networks see, of `high` points; not much wider than high.
+pub(crate) fn thumbnail_size(state: &State, high: f32) -> Vec2 {
+    within(vec2(high * 1.8, high), dream_shape(state))
 }
 
 /// A wide column, and a column of `side` points at its right, each as high as there is room.

@@ -23,7 +23,7 @@ pub(crate) struct Strip<'a> {
     pub planned: &'a [Range<usize>],
     /// Clips that were asked about.
     pub asked: &'a [Range<usize>],
-    /// Steps off the road, where that is known.
+    /// Steps in which something went on that must not happen, where that is known.
     pub off: &'a [Range<usize>],
 }
 

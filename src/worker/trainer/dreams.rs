@@ -26,7 +26,7 @@ impl Dreams {
             return Err(TaskError::Learn { dream, step: start });
         };
         let features = features.get_or_insert_with(|| episode.features(model));
-        Ok(segment_rows(features, &episode.actions, segment))
+        Ok(segment_rows(features, &episode.actions, model.ranges(), segment))
     }
 
     /// A transition as a classifier reads it, `[F + A]`.

@@ -14,6 +14,7 @@ use rand::SeedableRng as _;
 use rand_chacha::ChaCha8Rng;
 
 use crate::query::{Label, LabeledQuery, Query, QueryId, SegmentRef};
+use crate::reward::RewardInputs;
 use crate::reward::{
     EpochReport, Fitted, PredictionMetrics, RewardConfig, RewardEnsemble, SegmentPair, Trainer, fit_anew,
 };
@@ -89,8 +90,7 @@ struct Learner<'a> {
 impl<'a> Learner<'a> {
     fn new(model: WorldModel, config: RewardConfig, reports: &'a Reports) -> Self {
         let mut rng = ChaCha8Rng::seed_from_u64(0);
-        let ensemble =
-            RewardEnsemble::new(model.config().n_features(), &model.hash(), config.clone(), &mut rng);
+        let ensemble = RewardEnsemble::new(RewardInputs::of(&model), config.clone(), &mut rng);
         Self {
             model,
             config,

@@ -128,7 +128,7 @@ mod tests {
         }
         for i in 0..50 {
             let transition = Transition { dream: DreamId(0), first: 0, step: i };
-            let verdict = Verdict::ALL[usize::from(fixtures::dream(0, 60).actions[i].steer > 0.0)];
+            let verdict = Verdict::ALL[usize::from(fixtures::dream(0, 60).actions[i][0] > 0.0)];
             let query = QueryId(i as u32);
             learner.handle(TrainerCommand::LearnVerdict(JudgedTransition { query, transition, verdict }));
         }

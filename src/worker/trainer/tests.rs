@@ -9,7 +9,7 @@ use crate::tensor::to_vec;
 use crate::worker::{Report, fixtures};
 
 fn answer(id: u32, answer: SafetyAnswer) -> TrainerCommand {
-    let label = Weights::car_racing().label(&Response::Safety(answer)).unwrap();
+    let label = Weights::paper().label(&Response::Safety(answer)).unwrap();
     TrainerCommand::Learn(fixtures::query(id, (0, id as usize % 40), (1, id as usize * 7 % 40)), label)
 }
 
@@ -135,7 +135,7 @@ fn too_few_answers_are_only_taken_up() {
 
 #[test]
 fn what_cannot_be_learned_is_said_in_a_sentence() {
-    let label = Weights::car_racing().label(&Response::Safety(SafetyAnswer::Neither)).unwrap();
+    let label = Weights::paper().label(&Response::Safety(SafetyAnswer::Neither)).unwrap();
     let unknown = TrainerCommand::Learn(fixtures::query(0, (0, 41), (9, 0)), label);
     let reports = reports_of([unknown, TrainerCommand::Fit { seed: 0 }]);
     let [Report::Failed(one), Report::Failed(other)] = &reports[..] else { panic!("{reports:?}") };
@@ -154,7 +154,7 @@ fn answers_that_weigh_differently_are_learned_anew_at_once() {
         learner.handle(command);
     }
     learner.go_on();
-    let weights = Weights { safety: 0.9, ..Weights::car_racing() };
+    let weights = Weights { safety: 0.9, ..Weights::paper() };
     let label = weights.label(&Response::Safety(SafetyAnswer::OnlyLeft)).unwrap();
     learner.handle(TrainerCommand::Learn(fixtures::query(0, (0, 0), (1, 0)), label));
     assert!(!learner.is_behind(), "one answer in forty can wait");

@@ -8,13 +8,13 @@ use rand_chacha::ChaCha8Rng;
 use tch::{Device, Kind, Tensor, nn};
 
 use crate::dataset::{Dataset, Episode};
-use crate::env::{Action, Frame};
 use crate::run::Run;
 use crate::tensor::{
     Backend, Parameters, ParametersError, bytes_of_frames, from_frames_on, intensities, normal,
 };
+use crate::world::Frame;
 use crate::world_model::fit::{FitError, Progress, Report, Stage};
-use crate::world_model::{Vae, WorldModelConfig, actions_tensor};
+use crate::world_model::{MdnRnnConfig, Vae, WorldModelConfig, actions_tensor};
 
 /// Which episodes are trained on, and which only looked at.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -66,10 +66,26 @@ impl Source<'_> {
     }
 }
 
-/// Two thousand frames of held-out episodes, evenly spread: enough to tell epochs apart.
-pub(super) fn held_out_frames(source: Source<'_>, split: &Split) -> Result<Vec<Frame>, FitError> {
+/// Bytes of a picture of these sides.
+fn bytes_of([height, width]: [i64; 2]) -> usize {
+    (3 * height * width) as usize
+}
+
+/// Pictures that are computed with at once where nothing is learned: a hundred, or fewer of more than 128 x 128 pixels.
+pub(super) fn at_once(sides: [i64; 2]) -> usize {
+    (100 * bytes_of([128; 2]) / bytes_of(sides)).clamp(1, 100)
+}
+
+/// Two thousand frames of held-out episodes, evenly spread: enough to tell epochs apart. Fewer where they would take more
+/// than half a gigabyte.
+pub(super) fn held_out_frames(
+    source: Source<'_>,
+    split: &Split,
+    sides: [i64; 2],
+) -> Result<Vec<Frame>, FitError> {
+    const MOST_BYTES: usize = 1 << 29;
     let mut kept = Vec::new();
-    let per_episode = 2000_usize.div_ceil(split.held_out.len());
+    let per_episode = 2000.min(MOST_BYTES / bytes_of(sides)).div_ceil(split.held_out.len());
     source.read(&split.held_out, |_, Episode { frames, .. }| {
         let every = frames.len().div_ceil(per_episode).max(1);
         kept.extend(frames.into_iter().step_by(every));
@@ -90,21 +106,22 @@ impl<'a> Pictures<'a> {
     pub(super) fn new(
         source: Source<'a>,
         train: Vec<usize>,
+        sides: [i64; 2],
         backend: Backend,
         rng: &mut impl Rng,
     ) -> Result<Self, FitError> {
         if !backend.is_cpu()
-            && let Some(frames) = DeviceFrames::new(source, &train, backend.device, rng)?
+            && let Some(frames) = DeviceFrames::new(source, &train, sides, backend.device, rng)?
         {
             return Ok(Self::OnDevice(frames));
         }
-        Ok(Self::Mixed(ShuffledFrames::new(source, train), backend.device))
+        Ok(Self::Mixed(ShuffledFrames::new(source, train, sides), backend.device))
     }
 
     /// The next `n`, as intensities.
     ///
     /// # Shapes
-    /// - returns `[n, P, P, 3]`
+    /// - returns `[n, H, W, 3]`
     pub(super) fn next(&mut self, n: usize, rng: &mut impl Rng) -> Result<Tensor, FitError> {
         match self {
             Self::Mixed(frames, device) => Ok(from_frames_on(*device, &frames.next(n, rng)?)),
@@ -119,7 +136,7 @@ pub(super) struct DeviceFrames<'a> {
     train: Vec<usize>,
     /// Episodes still to come in this pass. Empty where all are there.
     queue: Vec<usize>,
-    /// `[N, P, P, 3]` bytes.
+    /// `[N, H, W, 3]` bytes.
     pixels: Tensor,
     /// How many of them are filled.
     n: i64,
@@ -136,17 +153,18 @@ impl<'a> DeviceFrames<'a> {
     pub(super) fn new(
         source: Source<'a>,
         train: &[usize],
+        [height, width]: [i64; 2],
         device: Device,
         rng: &mut impl Rng,
     ) -> Result<Option<Self>, FitError> {
-        let side = i64::from(source.dataset.side().unwrap_or_default());
         let n_frames = |i: &usize| source.dataset.len(*i) as i64 + 1;
         let longest = train.iter().map(n_frames).max().unwrap_or_default();
         let mut capacity: i64 = train.iter().map(n_frames).sum();
         // There is no asking how much memory is left, but trying.
         let pixels = loop {
-            let room = Tensor::f_empty([Self::ROOM.min(capacity * 3 * side * side)], (Kind::Uint8, device));
-            let pixels = Tensor::f_empty([capacity, side, side, 3], (Kind::Uint8, device));
+            let room =
+                Tensor::f_empty([Self::ROOM.min(capacity * 3 * height * width)], (Kind::Uint8, device));
+            let pixels = Tensor::f_empty([capacity, height, width, 3], (Kind::Uint8, device));
             match (room, pixels) {
                 (Ok(_), Ok(pixels)) => break pixels,
                 _ if capacity / 2 < 4 * longest => return Ok(None),
@@ -207,17 +225,23 @@ impl<'a> DeviceFrames<'a> {
 pub(super) struct ShuffledFrames<'a> {
     source: Source<'a>,
     train: Vec<usize>,
+    n_mixed: usize,
     /// Episodes still to come in this pass.
     queue: Vec<usize>,
     pool: Vec<Frame>,
 }
 
 impl<'a> ShuffledFrames<'a> {
-    /// How many episodes are mixed. Some 20 MB each.
+    /// How many episodes are mixed. Of Car Racing some 20 MB each.
     const N_MIXED: usize = 16;
+    /// What they take at the most, of those that are as long as the longest.
+    const MOST_BYTES: usize = 1 << 30;
 
-    fn new(source: Source<'a>, train: Vec<usize>) -> Self {
-        Self { source, train, queue: Vec::new(), pool: Vec::new() }
+    fn new(source: Source<'a>, train: Vec<usize>, sides: [i64; 2]) -> Self {
+        let longest = train.iter().map(|&i| source.dataset.len(i) + 1).max().unwrap_or(1);
+        let room = Self::MOST_BYTES / (longest * bytes_of(sides)).max(1);
+        let n_mixed = Self::N_MIXED.min(train.len()).min(room.max(1));
+        Self { source, train, n_mixed, queue: Vec::new(), pool: Vec::new() }
     }
 
     /// The next `n` frames.
@@ -226,7 +250,7 @@ impl<'a> ShuffledFrames<'a> {
         while batch.len() < n {
             if self.pool.is_empty() {
                 let mut chosen = Vec::new();
-                for _ in 0..Self::N_MIXED.min(self.train.len()) {
+                for _ in 0..self.n_mixed {
                     if self.queue.is_empty() {
                         self.queue.clone_from(&self.train);
                         self.queue.shuffle(rng);
@@ -290,14 +314,15 @@ pub(super) fn encode(
     }
     source.read(&missing, |i, episode| {
         let encode = |chunk: &[Frame]| vae.encode(&from_frames_on(backend.device, chunk));
-        let parts: Vec<_> = tch::no_grad(|| episode.frames.chunks(100).map(encode).collect());
+        let parts: Vec<_> =
+            tch::no_grad(|| episode.frames.chunks(at_once(config.vae.sides())).map(encode).collect());
         let (means, log_vars): (Vec<_>, Vec<_>) = parts.into_iter().unzip();
         // Actions and latents of the same steps: a closing frame without an action is left out.
         let t = episode.actions.len() as i64;
         let latents = [
             ("mean".to_owned(), Tensor::cat(&means, 0).narrow(0, 0, t)),
             ("log_var".to_owned(), Tensor::cat(&log_vars, 0).narrow(0, 0, t)),
-            ("actions".to_owned(), actions_tensor(&episode.actions)),
+            ("actions".to_owned(), actions_tensor(&episode.actions).view([t, config.mdn_rnn.actions])),
         ];
         run.save(&latents_name(i), &Parameters::from_tensors(latents, &[("vision", of.clone())]))?;
         encoded(i)
@@ -305,8 +330,8 @@ pub(super) fn encode(
 }
 
 /// The latents of an episode's steps: the encoder's means.
-pub(super) fn means(run: &Run, episode: usize, latent: i64) -> Result<Tensor, FitError> {
-    Ok(encoded(run, episode, latent)?.mean)
+pub(super) fn means(run: &Run, episode: usize, memory: &MdnRnnConfig) -> Result<Tensor, FitError> {
+    Ok(encoded(run, episode, memory)?.mean)
 }
 
 /// Encoded episodes on a device, one after the other.
@@ -327,10 +352,10 @@ impl DeviceSequences {
     pub(super) fn load(
         run: &Run,
         episodes: &[usize],
-        latent: i64,
+        memory: &MdnRnnConfig,
         device: Device,
     ) -> Result<Option<Self>, FitError> {
-        let all = episodes.iter().map(|&i| encoded(run, i, latent)).collect::<Result<Vec<_>, _>>()?;
+        let all = episodes.iter().map(|&i| encoded(run, i, memory)).collect::<Result<Vec<_>, _>>()?;
         let lens: Vec<i64> = all.iter().map(|one| one.mean.size()[0]).collect();
         let together = |part: fn(&Encoded) -> &Tensor| {
             let parts: Vec<_> = all.iter().map(part).collect();
@@ -381,7 +406,7 @@ struct Encoded {
     actions: Tensor,
 }
 
-fn encoded(run: &Run, episode: usize, latent: i64) -> Result<Encoded, FitError> {
+fn encoded(run: &Run, episode: usize, memory: &MdnRnnConfig) -> Result<Encoded, FitError> {
     let name = latents_name(episode);
     let missing = |what: &str| ParametersError::Missing(format!("{what} of {name}"));
     let saved = run.load(&name)?.ok_or_else(|| missing("all"))?;
@@ -391,8 +416,8 @@ fn encoded(run: &Run, episode: usize, latent: i64) -> Result<Encoded, FitError> 
     let [t, z] = mean.size()[..] else { return Err(missing("latents").into()) };
     for (name, part, wanted) in [
         ("log_var", log_var, [t, z]),
-        ("actions", actions, [t, Action::LEN as i64]),
-        ("mean", mean, [t, latent]),
+        ("actions", actions, [t, memory.actions]),
+        ("mean", mean, [t, memory.latent]),
     ] {
         if part.size() != wanted {
             let (name, found) = (format!("{name} of {}", latents_name(episode)), part.size());
@@ -417,12 +442,12 @@ pub(super) fn windows(
     run: &Run,
     episodes: &[usize],
     window: usize,
-    latent: i64,
+    memory: &MdnRnnConfig,
     rng: &mut ChaCha8Rng,
 ) -> Result<Windows, FitError> {
     let (mut zs, mut actions, mut lens) = (Vec::new(), Vec::new(), Vec::new());
     for &episode in episodes {
-        let Encoded { mean, log_var, actions: all } = encoded(run, episode, latent)?;
+        let Encoded { mean, log_var, actions: all } = encoded(run, episode, memory)?;
         let n = all.size()[0];
         let len = n.min(window as i64);
         let start = rng.random_range(0..=n - len);

@@ -2,14 +2,22 @@
 //!
 //! Each stage keeps its best parameters by what it scores on held-out episodes, lowers its learning rate where that
 //! no longer improves, and checkpoints after every epoch, so that a stopped fit resumes.
+//!
+//! Where a world is not built in, pixels count more the rarer their color is in its recordings, and so do those around
+//! them, so that vision does not overlook what is small: with a strength s
+//!
+//! ```text
+//! w = 1 + s (mean over 5 × 5 of clip(√(p_median / p(color)), 1, 16) − 1)
+//! ```
 
 mod data;
+mod rarity;
 mod speed;
 #[cfg(test)]
 mod tests;
 mod train_loop;
 
-use std::fmt;
+use std::fmt::{self, Write as _};
 use std::ops::ControlFlow;
 
 use rand::{RngExt as _, SeedableRng as _};
@@ -21,10 +29,12 @@ use crate::dataset::{Dataset, DatasetError, Episode};
 use crate::run::{Run, RunError};
 use crate::tensor::limits::{MAX_COUNT, OutOfRange, within};
 use crate::tensor::{Backend, NotFinite, Parameters, ParametersError, from_frames_on, normal};
+use crate::world::{EventKind, EventSpec, Size, WorldSpec};
 use crate::world_model::{LatentState, MdnRnn, Vae, WorldModel, WorldModelConfig};
 
-use data::{DeviceSequences, Pictures, Source, encode, held_out_frames, means, windows};
+use data::{DeviceSequences, Pictures, Source, at_once, encode, held_out_frames, means, windows};
 pub use data::{ReadEpisodes, Split, Take, read_one_by_one};
+use rarity::Rarity;
 pub use speed::{Speed, speed};
 use train_loop::TrainLoop;
 
@@ -116,6 +126,29 @@ impl FitConfig {
         Self { seed: 0, held_out: 0.1, window: 250, vae, mdn_rnn }
     }
 
+    /// The same for the recordings of `spec`: five seconds at once, and what its file says otherwise.
+    ///
+    /// These are 250 steps at the 50 Hz of the built-in worlds. Where they would be fewer than 50 steps, or more than 500,
+    /// or more than an episode has, it is as many.
+    pub fn for_world(spec: &WorldSpec) -> Self {
+        let told = &spec.fitting;
+        let full = Self::full();
+        let steps = (full.window as f64 * spec.rate / 50.0).round() as usize;
+        let window = steps.clamp(50, 500).min(spec.longest_episode).max(2);
+        let schedule = |usual: &Schedule, max_epochs: Option<usize>| Schedule {
+            batch: told.batch.unwrap_or(usual.batch),
+            max_epochs: max_epochs.unwrap_or(usual.max_epochs),
+            ..usual.clone()
+        };
+        Self {
+            held_out: told.held_out.unwrap_or(full.held_out),
+            window: told.window.unwrap_or(window),
+            vae: schedule(&full.vae, told.vae_epochs),
+            mdn_rnn: schedule(&full.mdn_rnn, told.mdn_rnn_epochs),
+            ..full
+        }
+    }
+
     /// Fails where no world model can be trained so.
     pub fn check(&self) -> Result<(), OutOfRange> {
         within("the share of episodes that is held out", self.held_out, 0.0..=0.9)?;
@@ -203,6 +236,18 @@ pub enum FitError {
         /// At present.
         now: Box<Terms>,
     },
+    /// The recordings are not of the world that the networks are for.
+    #[error(
+        "the recordings have {found}, and the world {world:?} has {wanted}: give recordings of that world, or their own"
+    )]
+    Unfit {
+        /// The world's name.
+        world: String,
+        /// What the recordings have.
+        found: String,
+        /// What the world has.
+        wanted: String,
+    },
     /// Too few recordings.
     #[error("a world model needs at least two recorded episodes, one of them held out; there are {0}")]
     TooFew(usize),
@@ -266,6 +311,27 @@ pub fn check(dataset: &Dataset) -> Result<(), FitError> {
     Ok(())
 }
 
+/// Whether `dataset` can be recordings of the world that `config` is for: by the size of the pictures, the axes and the
+/// rate.
+pub fn check_world(dataset: &Dataset, config: &WorldModelConfig) -> Result<(), FitError> {
+    let (Some(size), Some(layout)) = (dataset.size(), dataset.layout()) else { return Ok(()) };
+    let spec = config.spec();
+    let names: Vec<_> = spec.axes.iter().map(|axis| axis.name.clone()).collect();
+    let is_rate = (layout.rate / spec.rate - 1.0).abs() < 1e-6;
+    if is_rate && (size, &layout.axes) == (config.vae.size(), &names) {
+        return Ok(());
+    }
+    let said = |Size { height, width }: Size, axes: &[String], rate: f64| {
+        let axes = crate::text::shown(&axes.join(", "));
+        format!("pictures of {height} x {width} pixels, the axes {axes} and {rate} steps a second")
+    };
+    Err(FitError::Unfit {
+        world: crate::text::shown(&config.env),
+        found: said(size, &layout.axes, layout.rate),
+        wanted: said(config.vae.size(), &names, spec.rate),
+    })
+}
+
 /// With what a world model is trained.
 #[derive(Clone, Copy)]
 pub struct Means<'a> {
@@ -312,6 +378,7 @@ pub fn fit_world_with(
     let source = Source { dataset, read };
     check(dataset)?;
     config.check().map_err(FitError::Config)?;
+    check_world(dataset, config)?;
     let n = dataset.n_episodes();
     let (env, recordings) = (config.env.clone(), dataset.fingerprint());
     let now = Terms { env, n_episodes: n, held_out: fit.held_out, seed: fit.seed, recordings };
@@ -338,13 +405,14 @@ pub fn fit_world_with(
 
 /// The latents of an episode's steps, as they were encoded.
 fn means_of(run: &Run, episode: usize, config: &WorldModelConfig) -> Result<Tensor, FitError> {
-    means(run, episode, config.vae.latent)
+    means(run, episode, &config.mdn_rnn)
 }
 
 /// The parameters with a moment of each of up to thirty held-out episodes beside them, where dreams may start.
 ///
-/// It is a moment on the road, so that whoever dreams is not lost at once, and after the first second of the episode,
-/// in which the camera is still on its way down.
+/// It is a moment at which nothing bad goes on nor just went on, as far as that was recorded, so that whoever dreams is not
+/// lost at once; and after the first second of the episode, in which the camera is still on its way down where there is
+/// one.
 ///
 /// `states` are those of an episode before some steps.
 fn with_starts(
@@ -353,14 +421,23 @@ fn with_starts(
     parameters: &Parameters,
     states: impl Fn(&WorldModel, usize, &Episode, &[usize]) -> Result<Vec<LatentState>, FitError>,
 ) -> Result<Parameters, FitError> {
-    const FIRST: usize = 60;
-    const SAFE_BEFORE: usize = 20;
+    // Of the seconds of 50 Hz 60, 20 and 40 steps.
+    const FIRST: f64 = 1.2;
+    const SAFE_BEFORE: f64 = 0.4;
+    const APART: f64 = 0.8;
     let model = WorldModel::load(parameters.clone())
         .unwrap_or_else(|e| unreachable!("these are the finite parameters of that very model: {e}"));
+    let steps = |seconds: f64| (seconds * model.spec().rate).round() as usize;
+    let (first, safe_before, apart) = (steps(FIRST), steps(SAFE_BEFORE), steps(APART));
+    let is_bad = |event: &&EventSpec| event.kind == EventKind::Safety;
     let (mut starts, mut i) = (Vec::new(), 0);
     source.read(&split.held_out, |number, episode| {
-        let is_on_road = |at: &usize| !episode.grass[at.saturating_sub(SAFE_BEFORE)..=*at].contains(&true);
-        let at = (FIRST + 40 * (i % 5)..episode.actions.len()).find(is_on_road);
+        let bad = model.spec().events.iter().filter(is_bad);
+        let bad: Vec<Vec<bool>> = bad.filter_map(|event| episode.event(&event.name)).collect();
+        let is_safe = |at: &usize| {
+            bad.iter().all(|goes_on| !goes_on[at.saturating_sub(safe_before)..=*at].contains(&true))
+        };
+        let at = (first + apart * (i % 5)..episode.actions.len()).find(is_safe);
         let at = at.or(episode.actions.len().checked_sub(1)).filter(|_| starts.len() < 30);
         if let Some(at) = at {
             starts.extend(states(&model, number, &episode, &[at])?);
@@ -385,27 +462,40 @@ fn fit_vae(
     let vae = Vae::new(&store.root(), config.vae.clone(), backend.kind, &mut rng);
     let latent = config.vae.latent;
     let mut pictures = None;
-    let held_out = held_out_frames(source, split)?;
+    let held_out = held_out_frames(source, split, config.vae.sides())?;
+    let strength = config.vae.rarity;
+    let rarity =
+        if strength > 0.0 { Some(Rarity::of(source, split, strength, run, backend.device)?) } else { None };
+    let loss = |pixels: &Tensor, noise: &Tensor| {
+        let weights = rarity.as_ref().map(|rarity| rarity.weights(pixels));
+        let loss = vae.weighted_loss(pixels, noise, weights.as_ref());
+        loss.reconstruction + loss.divergence
+    };
     let update = |rng: &mut ChaCha8Rng, _: usize| {
         // Only now: a fit that goes on may have no epoch of vision left.
         let pictures = match &mut pictures {
             Some(pictures) => pictures,
-            none => none.insert(Pictures::new(source, split.train.clone(), backend, rng)?),
+            none => {
+                none.insert(Pictures::new(source, split.train.clone(), config.vae.sides(), backend, rng)?)
+            }
         };
         let batch = pictures.next(fit.vae.batch, rng)?;
-        let loss = vae.loss(&batch, &backend.normal(rng, &[fit.vae.batch as i64, latent]));
-        Ok((loss.reconstruction + loss.divergence, fit.vae.batch))
+        let loss = loss(&batch, &backend.normal(rng, &[fit.vae.batch as i64, latent]));
+        Ok((loss, fit.vae.batch))
     };
     let score = |rng: &mut ChaCha8Rng| {
         let mut sum = 0.0;
-        for batch in held_out.chunks(100) {
+        for batch in held_out.chunks(at_once(config.vae.sides())) {
             let noise = normal(rng, &[batch.len() as i64, latent]).to_device(backend.device);
-            let loss = vae.loss(&from_frames_on(backend.device, batch), &noise);
-            sum += (loss.reconstruction + loss.divergence).double_value(&[]) * batch.len() as f64;
+            let loss = loss(&from_frames_on(backend.device, batch), &noise);
+            sum += loss.double_value(&[]) * batch.len() as f64;
         }
         Ok(sum / held_out.len() as f64)
     };
-    let fingerprint = format!("emphasis {}", config.vae.emphasis);
+    let mut fingerprint = format!("emphasis {}", config.vae.emphasis);
+    if strength > 0.0 {
+        let _ = write!(fingerprint, ", of rare colors {strength}");
+    }
     let network = (store, config.vae.slots());
     let training = TrainLoop::new((Stage::Vae, backend), &fit.vae, network, rng, fingerprint);
     training.run(run, None, update, score, report)
@@ -424,7 +514,7 @@ fn fit_mdn_rnn(
     let store = nn::VarStore::new(backend.device);
     let mdn_rnn = MdnRnn::new(&store.root(), config.mdn_rnn.clone(), &mut rng);
     let loss = |episodes: &[usize], kind: Kind, rng: &mut ChaCha8Rng| -> Result<(Tensor, usize), FitError> {
-        let windows = windows(run, episodes, fit.window, config.mdn_rnn.latent, rng)?;
+        let windows = windows(run, episodes, fit.window, &config.mdn_rnn, rng)?;
         let n_steps = windows.lens.iter().sum::<i64>() as usize;
         let on_device = |tensor: &Tensor| tensor.to_device(backend.device);
         let lens = on_device(&Tensor::from_slice(&windows.lens));
@@ -438,8 +528,8 @@ fn fit_mdn_rnn(
             let sequences = if let Some(sequences) = &sequences {
                 sequences
             } else {
-                let latent = config.mdn_rnn.latent;
-                sequences.insert(DeviceSequences::load(run, &split.train, latent, backend.device)?)
+                let loaded = DeviceSequences::load(run, &split.train, &config.mdn_rnn, backend.device)?;
+                sequences.insert(loaded)
             };
             if let Some(sequences) = sequences {
                 let windows = sequences.windows(fit.mdn_rnn.batch, fit.window);

@@ -6,7 +6,6 @@ use rand::SeedableRng as _;
 use rand_chacha::ChaCha8Rng;
 use tch::{Kind, Tensor, nn};
 
-use crate::env::Action;
 use crate::tensor::adam::Adam;
 use crate::tensor::{Backend, intensities};
 use crate::world_model::fit::FitConfig;
@@ -32,8 +31,8 @@ pub fn speed(config: &WorldModelConfig, fit: &FitConfig, backend: Backend, lasti
 
     let store = nn::VarStore::new(backend.device);
     let vae = Vae::new(&store.root(), config.vae.clone(), backend.kind, rng);
-    let (n, side) = (4 * batch, config.vae.side);
-    let pixels = Tensor::randint(256, [n, side, side, 3], (Kind::Uint8, backend.device));
+    let (n, [height, width]) = (4 * batch, config.vae.sides());
+    let pixels = Tensor::randint(256, [n, height, width, 3], (Kind::Uint8, backend.device));
     let pictures = per_second(backend, &store, None, lasting, || {
         let drawn = Tensor::randint(n, [batch], (Kind::Int64, backend.device));
         let pixels = intensities(&pixels.index_select(0, &drawn));
@@ -49,7 +48,8 @@ pub fn speed(config: &WorldModelConfig, fit: &FitConfig, backend: Backend, lasti
         let mdn_rnn = MdnRnn::new(&store.root(), config.mdn_rnn.clone(), rng);
         let lens = [2 * window; 64];
         let noise = |width: i64| Tensor::randn([lens.iter().sum(), width], options);
-        let sequences = DeviceSequences::of(noise(latent), noise(latent), noise(Action::LEN as i64), &lens);
+        let sequences =
+            DeviceSequences::of(noise(latent), noise(latent), noise(config.mdn_rnn.actions), &lens);
         per_second(backend, &store, Some(1.0), lasting, || {
             let windows = sequences.windows(fit.mdn_rnn.batch, fit.window);
             mdn_rnn.loss_in(kind, &windows.zs, &windows.actions, &windows.lens)

@@ -9,12 +9,12 @@ use rand_chacha::ChaCha8Rng;
 use tch::{Device, Kind, Tensor};
 
 use super::data::{DeviceFrames, DeviceSequences, Source, read_one_by_one};
-use crate::dataset::{Dataset, EpisodeInfo, StepRecord};
-use crate::env::{Action, End, Frame};
+use crate::dataset::{Dataset, EpisodeInfo, Layout, StepRecord};
 use crate::run::Run;
 use crate::tensor::{to_frames, to_vec};
-use crate::world_model::WorldModelConfig;
-use crate::world_model::fit::{FitConfig, Progress, fit_world};
+use crate::world::{Action, End, Frame, WorldSpec};
+use crate::world_model::fit::{FitConfig, Progress, check_world, fit_world};
+use crate::world_model::{WorldModel, WorldModelConfig};
 
 /// Of each epoch, those of vision first.
 const LOSSES: [[f64; 2]; 4] =
@@ -25,18 +25,19 @@ fn recordings(dir: &Path) -> Dataset {
     let env = WorldModelConfig::tiny().env;
     let mut dataset = Dataset::create_or_open(dir, &env).unwrap();
     for seed in 0..4_u64 {
-        let frame = |t: u64| Frame::new(20, (0..1200).map(|i| (i * seed + 5 * t) as u8).collect::<Vec<_>>());
+        let frame =
+            |t: u64| Frame::square(20, (0..1200).map(|i| (i * seed + 5 * t) as u8).collect::<Vec<_>>());
         let info = EpisodeInfo { env: env.clone(), pilot: "nobody".to_owned(), seed };
         let mut recording = dataset.begin(info).unwrap();
         let n = 35 + seed;
         for t in 0..n {
-            let action = Action::new((t as f32).sin(), 0.0, 0.0);
-            let (grass, contacts, state) = (false, None, Vec::new());
-            let step =
-                StepRecord { frame: frame(t), action, reward: 0.0, grass, contacts, wall_time_ns: 0, state };
+            let action = Action::new([(t as f32).sin(), 0.0, 0.0]);
+            let events = vec![false; dataset.layout().unwrap_or_default().events.len()];
+            let (frame, state) = (frame(t), Vec::new());
+            let step = StepRecord { frame, action, reward: 0.0, events, wall_time_ns: 0, state };
             recording.push(&step).unwrap();
         }
-        dataset.seal(recording, &frame(n), Some(End::TimeLimit)).unwrap();
+        dataset.seal(recording, &frame(n), Some(End::Truncated)).unwrap();
     }
     drop(dataset);
     Dataset::open(dir).unwrap()
@@ -82,7 +83,8 @@ fn pictures_on_a_device_come_once_in_a_pass() {
     for i in train {
         wanted.extend(dataset.episode(i).unwrap().frames.iter().map(|frame| frame.rgb().to_vec()));
     }
-    let mut pictures = DeviceFrames::new(source, &train, Device::Cpu, rng).unwrap().expect("there is room");
+    let mut pictures =
+        DeviceFrames::new(source, &train, [20; 2], Device::Cpu, rng).unwrap().expect("there is room");
     for pass in 0..2 {
         let batches = [40, wanted.len() - 40].map(|n| to_frames(&pictures.next(n, rng).unwrap()));
         let mut found: Vec<_> = batches.iter().flatten().map(|frame| frame.rgb().to_vec()).collect();
@@ -126,4 +128,114 @@ fn windows_on_a_device_are_stretches_of_one_episode() {
         begins.insert(zs[0] as i32);
     }
     assert!(begins.contains(&30) && begins.len() > 30, "from anywhere: {begins:?}");
+}
+
+/// An arm that sees 21 x 33 pixels ten times a second, and bumps into things.
+fn arm() -> WorldSpec {
+    let file = r#"
+        format = 1
+        name = "arm"
+        title = "An arm"
+        rate = 10
+        longest_episode = 400
+        source = { kind = "recordings" }
+        image = { height = 21, width = 33 }
+        axes = [
+            { name = "reach", low = 0.0, high = 512.0, neutral = 256.0 },
+            { name = "grip", low = -1.0, high = 1.0, neutral = 0.0 },
+        ]
+        events = [{ name = "lifts", kind = "progress", field = "lifts" }, { name = "bump", kind = "safety", field = "bump" }]
+        networks = { latent = 3, memory = 8, components = 2, channels = 4 }
+        fitting = { batch = 8, held_out = 0.5, mdn_rnn_epochs = 2 }
+    "#;
+    file.parse().unwrap()
+}
+
+/// Four episodes of the arm: it lifts throughout, and bumps up to step 20. Its frames say which step it is.
+fn recordings_of_arm(dir: &Path) -> Dataset {
+    let mut dataset = Dataset::create_or_open(dir, "arm").unwrap();
+    for seed in 0..4_u64 {
+        let frame = |t: usize| Frame::new(21, 33, vec![(4 * t) as u8; 3 * 21 * 33]);
+        let info = EpisodeInfo { env: "arm".to_owned(), pilot: "nobody".to_owned(), seed };
+        let mut recording = dataset.begin_with(info, &Layout::of(&arm(), &[])).unwrap();
+        for t in 0..45 {
+            let action = Action::new([t as f32, 0.5]);
+            let (frame, events, state) = (frame(t), vec![true, t <= 20], Vec::new());
+            let step = StepRecord { frame, action, reward: 0.0, events, wall_time_ns: 0, state };
+            recording.push(&step).unwrap();
+        }
+        dataset.seal(recording, &frame(45), Some(End::Truncated)).unwrap();
+    }
+    drop(dataset);
+    Dataset::open(dir).unwrap()
+}
+
+#[test]
+fn any_world_is_learned_and_dreams_of_it_start_where_nothing_bad_goes_on() {
+    tch::set_num_threads(1);
+    let dir = tempfile::tempdir().unwrap();
+    let dataset = recordings_of_arm(&dir.path().join("data"));
+    let (config, mut fit) = (WorldModelConfig::for_world(&arm()), FitConfig::for_world(&arm()));
+    assert_eq!((fit.window, fit.vae.batch, fit.mdn_rnn.max_epochs), (50, 8, 2));
+    (fit.vae.max_epochs, fit.vae.updates_per_epoch, fit.mdn_rnn.updates_per_epoch) = (1, 4, 3);
+    let run = Run::open(&dir.path().join("run"), false).unwrap();
+    let go_on = &mut |_: &Progress| ControlFlow::Continue(());
+    let parameters = fit_world(&dataset, &config, &fit, &run, go_on).unwrap();
+    assert!(run.load("rarity").unwrap().is_some(), "rare colors were looked for");
+    let model = WorldModel::load(parameters.clone()).unwrap();
+    assert_eq!((model.spec().name.as_str(), model.config()), ("arm", &config));
+    let held_out = model.held_out().unwrap();
+    assert_eq!((held_out.len(), model.starts().len()), (2, 2));
+    for (i, (start, episode)) in model.starts().iter().zip(held_out).enumerate() {
+        // Nothing bad for 0.4 s: four steps.
+        let at = 25.max(12 + 8 * i);
+        let episode = dataset.episode(episode).unwrap();
+        assert_eq!(model.states_of(&episode.frames, &episode.actions, &[at]), std::slice::from_ref(start));
+    }
+    drop(run);
+    let run = Run::open(&dir.path().join("run"), true).unwrap();
+    assert_eq!(fit_world(&dataset, &config, &fit, &run, go_on).unwrap().bytes(), parameters.bytes());
+}
+
+#[test]
+fn recordings_of_another_world_are_refused() {
+    let dir = tempfile::tempdir().unwrap();
+    let dataset = recordings_of_arm(dir.path());
+    let of = |change: &dyn Fn(&mut WorldSpec)| {
+        let mut spec = arm();
+        change(&mut spec);
+        check_world(&dataset, &WorldModelConfig::for_world(&spec)).map_err(|met| met.to_string())
+    };
+    assert_eq!(of(&|_| ()), Ok(()));
+    let has = "the recordings have pictures of 21 x 33 pixels, the axes reach, grip and 10 steps a second, and the world \
+               \"arm\" has";
+    for (change, wanted) in [
+        (
+            &(|spec: &mut WorldSpec| spec.image.width = 32) as &dyn Fn(&mut WorldSpec),
+            "pictures of 21 x 32 pixels, the axes reach, grip and 10 steps",
+        ),
+        (&|spec| spec.rate = 50.0, "pictures of 21 x 33 pixels, the axes reach, grip and 50 steps"),
+        (&|spec| spec.axes.truncate(1), "pictures of 21 x 33 pixels, the axes reach and 10 steps"),
+        (
+            &|spec| spec.axes[1].name = "twist".to_owned(),
+            "pictures of 21 x 33 pixels, the axes reach, twist and 10 steps",
+        ),
+    ] {
+        let said = of(change).unwrap_err();
+        assert!(said.starts_with(&format!("{has} {wanted} a second")), "{said}");
+    }
+}
+
+#[test]
+fn built_in_worlds_are_fitted_as_they_always_were() {
+    for name in crate::world::NAMES {
+        assert_eq!(FitConfig::for_world(&WorldSpec::built_in(name).unwrap()), FitConfig::full());
+    }
+    let window = |rate: f64, longest_episode: usize| {
+        FitConfig::for_world(&WorldSpec { rate, longest_episode, ..arm() }).window
+    };
+    assert_eq!(
+        [window(30.0, 400), window(5.0, 400), window(1000.0, 9000), window(50.0, 80)],
+        [150, 50, 500, 80]
+    );
 }

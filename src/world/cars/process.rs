@@ -1,0 +1,107 @@
+//! What the models see of a Car Racing picture: cropped, squeezed, black turned to white.
+//!
+//! By hand on purpose: resizers of the registry do not promise Pillow's fixed-point rounding, bit for bit.
+
+use std::f64::consts::PI;
+use std::sync::LazyLock;
+
+use super::{Frame, trig};
+
+/// Pixels a side of the picture that comes in.
+const RAW: usize = 96;
+/// Pixels a side of the frame that goes out.
+const SIDE: usize = 84;
+/// Input columns that one output column takes. The weights of those it does not need are 0.
+const N_TAPS: usize = 8;
+/// Bits behind the point of a weight.
+const PRECISION: u32 = 22;
+
+/// The recipe of every output column.
+static TAPS: LazyLock<Vec<Taps>> = LazyLock::new(|| (0..SIDE).map(Taps::of_column).collect());
+
+/// The frame of a 96 × 96 state image (method §2.1).
+///
+/// ```text
+/// keep rows 0..83 → squeeze 96 columns to 84 by Lanczos-3, as Pillow does, bit for bit → black becomes white
+/// ```
+///
+/// # Panics
+/// Where `raw96` is not `96 · 96 · 3` bytes.
+pub fn process(raw96: &[u8]) -> Frame {
+    assert_eq!(raw96.len(), 3 * RAW * RAW, "a state image of Car Racing is 96 × 96");
+    let mut rgb = vec![0; 3 * SIDE * SIDE];
+    let rows = raw96.as_chunks::<3>().0.chunks_exact(RAW);
+    for (row, processed) in rows.zip(rgb.as_chunks_mut::<3>().0.chunks_exact_mut(SIDE)) {
+        let run_ends = run_ends(row);
+        for (taps, to) in TAPS.iter().zip(processed) {
+            let last = taps.first + N_TAPS;
+            // A window of one color, as most are, keeps that color: the weights sum to 1.
+            let pixel = if run_ends[taps.first] >= last { row[taps.first] } else { taps.apply(row) };
+            *to = if pixel == [0; 3] { [255; 3] } else { pixel };
+        }
+    }
+    Frame::square(SIDE as u32, rgb)
+}
+
+/// For each column the end of the run of equal pixels that it is in.
+fn run_ends(row: &[[u8; 3]]) -> [usize; RAW] {
+    let mut ends = [RAW; RAW];
+    for column in (0..RAW - 1).rev() {
+        ends[column] = if row[column] == row[column + 1] { ends[column + 1] } else { column + 1 };
+    }
+    ends
+}
+
+/// The input columns that make one output column, with their weights in fixed point.
+struct Taps {
+    first: usize,
+    weights: [i32; N_TAPS],
+}
+
+impl Taps {
+    fn of_column(column: usize) -> Self {
+        let scale = RAW as f64 / SIDE as f64;
+        let support = 3.0 * scale;
+        let center = (column as f64 + 0.5) * scale;
+        let start = (center - support + 0.5).max(0.0) as usize;
+        let end = RAW.min((center + support + 0.5) as usize);
+        let weight = |x: usize| lanczos((x as f64 - center + 0.5) / scale);
+        let sum: f64 = (start..end).map(weight).sum();
+        let first = start.min(RAW - N_TAPS);
+        let mut weights = [0; N_TAPS];
+        for x in start..end {
+            weights[x - first] = (weight(x) / sum * f64::from(1 << PRECISION)).round() as i32;
+        }
+        Self { first, weights }
+    }
+
+    fn apply(&self, row: &[[u8; 3]]) -> [u8; 3] {
+        let mut sums = [1 << (PRECISION - 1); 3];
+        for (pixel, weight) in row[self.first..self.first + N_TAPS].iter().zip(self.weights) {
+            for (sum, &byte) in sums.iter_mut().zip(pixel) {
+                *sum += weight * i32::from(byte);
+            }
+        }
+        sums.map(|sum: i32| (sum >> PRECISION).clamp(0, 255) as u8)
+    }
+}
+
+/// The windowed sinc of three lobes.
+fn lanczos(x: f64) -> f64 {
+    if (-3.0..3.0).contains(&x) { sinc(x) * sinc(x / 3.0) } else { 0.0 }
+}
+
+fn sinc(x: f64) -> f64 {
+    if x == 0.0 { 1.0 } else { trig::sin(x * PI) / (x * PI) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_plain_picture_stays_plain_and_black_turns_white() {
+        assert_eq!(process(&vec![102; 3 * RAW * RAW]).rgb(), vec![102; 3 * SIDE * SIDE]);
+        assert_eq!(process(&vec![0; 3 * RAW * RAW]).rgb(), vec![255; 3 * SIDE * SIDE]);
+    }
+}
