@@ -46,8 +46,10 @@ class Networks(unittest.TestCase):
                 for j in range(9):
                     stamp = np.einsum("bc,coij->bijo", x[:, i, j], weight)
                     wanted[:, i * stride : i * stride + k, j * stride : j * stride + k] += stamp
-            wanted = wanted[:, padding : rows - padding, padding : columns - padding] + bias
-            np.testing.assert_allclose(m.deconv(x, weight, bias, stride, padding), wanted, atol=1e-5)
+            for more in [(0, 0), (padding // 2, 0), (0, padding // 2)]:
+                last = [side - padding + kept for side, kept in zip((rows, columns), more)]
+                kept = wanted[:, padding : last[0], padding : last[1]] + bias
+                np.testing.assert_allclose(m.deconv(x, weight, bias, stride, padding, more), kept, atol=1e-5)
 
     def test_a_world_is_what_its_header_says(self):
         world = self.world()
