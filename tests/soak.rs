@@ -131,7 +131,7 @@ impl Soak {
             rng: ChaCha8Rng::seed_from_u64(0),
             n_answers: 0,
         };
-        soak.wait("the world model", |window| window.query_by_label("Drive").is_some());
+        soak.wait("the world model", |window| window.query_by_label("Begin").is_some());
         soak
     }
 

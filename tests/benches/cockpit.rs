@@ -56,7 +56,7 @@ fn main() {
     let (mut harness, slots) = window(dir.path(), &session, &world);
     harness.step();
     println!("first frame after {:.0} ms", began.elapsed().as_secs_f64() * 1e3);
-    while harness.query_by_label("Drive").is_none() || harness.state().app().open().is_none() {
+    while harness.query_by_label("Begin").is_none() || harness.state().app().open().is_none() {
         harness.step();
         std::thread::sleep(FRAME);
     }
