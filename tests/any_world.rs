@@ -159,6 +159,23 @@ fn a_process_that_fails_ends_the_recording_with_one_error_and_keeps_what_was_rec
 }
 
 #[test]
+fn a_first_file_starts_the_process_where_it_was_asked() {
+    if !has_python() {
+        return;
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let dir = folder.path();
+    fs::copy(shipped("tests/support/channel_world.py"), dir.join("boat.py")).unwrap();
+    for out in ["world.toml", "mine/boat/world.toml"] {
+        dropj(dir, ["world", "new", "--process", "python3 boat.py", "--out", out]).succeeded();
+        dropj(dir, ["world", "check", out, "--run", "20"]).succeeded();
+        let text = fs::read_to_string(dir.join(out)).unwrap();
+        assert_eq!(text.contains("folder = \"../..\""), out != "world.toml", "{text}");
+    }
+    dropj(dir, ["record", "--env", "mine/boat/world.toml", "--episodes", "1", "--out", "data"]).succeeded();
+}
+
+#[test]
 fn what_is_no_world_is_refused_before_anything_is_done() {
     let folder = tempfile::tempdir().unwrap();
     let dir = folder.path();

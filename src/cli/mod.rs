@@ -46,7 +46,7 @@ use clap::{CommandFactory as _, FromArgMatches as _, Parser, Subcommand};
 pub(crate) use error::CliError;
 pub(crate) use words::{in_words, refusal};
 
-/// Safe reward learning from a person who drives in a dream and says what they prefer, and why.
+/// Safe reward learning from a person who acts in a dream and says what they prefer, and why.
 #[derive(Debug, Parser)]
 #[command(version, about, args_conflicts_with_subcommands = true)]
 pub(crate) struct Cli {
@@ -58,7 +58,7 @@ pub(crate) struct Cli {
 
 #[derive(Debug, Subcommand)]
 enum Command {
-    /// Record real episodes with the scripted pilot (step 1)
+    /// Record real episodes, by a pilot or by chance (step 1)
     Record(record::Options),
     /// Train a world model on recorded episodes (step 1)
     FitWorld(fit_world::Options),
@@ -74,7 +74,7 @@ enum Command {
     Refit(refit::Options),
     /// Say how well a session's reward predicts the answers of others
     CheckReward(check_reward::Options),
-    /// Drive the real car by a session's reward (step 4)
+    /// Act in the real world by a session's reward (step 4)
     Deploy(deploy::Options),
     /// Say whether methods differ by more than chance, from what `deploy --json` printed of each
     Compare(compare::Options),

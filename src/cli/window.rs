@@ -65,7 +65,7 @@ pub(crate) fn run(options: Options) -> anyhow::Result<()> {
         open: env.opener(),
         spec: Arc::clone(&env.spec),
         world: env.networks(),
-        fit: FitConfig::full(),
+        fit: FitConfig::for_world(&env.spec),
         reward: RewardConfig::car_racing(),
         planner: PlannerConfig::of(&env.spec, None),
         synthesis: SynthesisConfig::paper(),

@@ -269,13 +269,26 @@ fn file_of_process(options: &New, command: &str) -> anyhow::Result<String> {
     let time_outs = TimeOuts { start: options.start_time_out, ..TimeOuts::default() };
     let launch = Launch { command: command.clone(), folder: None, environment: vec![], time_outs };
     let (hello, fields) = ask(&launch, options.steps).map_err(told)?;
-    let source = Source { kind: SourceKind::Process, command, time_outs, ..Source::default() };
+    let folder = options.out.as_deref().map(started_in).transpose()?.flatten();
+    let source = Source { kind: SourceKind::Process, command, folder, time_outs, ..Source::default() };
     let rate = options.rate.or(hello.hertz).or(hello.render_fps).with_context(|| {
         "the process does not say how many steps a second it takes: say so with --rate HZ".to_owned()
     })?;
     let spec = first_spec(&hello, source, rate);
     spec.check().context("no world's file can be written for this process")?;
     Ok(spec.to_toml() + &hints(&hello, &fields, options.rate.is_none() && hello.hertz.is_none()))
+}
+
+/// The folder to start a process in that was asked in the present one, from the folder of the file `out`; none where both are
+/// the same.
+fn started_in(out: &Path) -> anyhow::Result<Option<PathBuf>> {
+    let (here, out) = (std::env::current_dir()?, std::path::absolute(out)?);
+    let there = out.parent().unwrap_or(&out);
+    if there == here {
+        return Ok(None);
+    }
+    let up = there.strip_prefix(&here).map(|inner| inner.iter().map(|_| "..").collect());
+    Ok(Some(up.unwrap_or(here)))
 }
 
 /// What was seen of a field: its values in the order of the steps.

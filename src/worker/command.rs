@@ -26,7 +26,7 @@ pub enum WorkerCommand {
     Synthesizer(SynthesizerCommand),
     /// Learns the reward.
     Trainer(TrainerCommand),
-    /// Drives the real car by plan.
+    /// Acts in the real world by plan.
     Driver(DriverCommand),
     /// Shows kept dreams, and what the reward says of them.
     DreamInspector(DreamInspectorCommand),
@@ -136,7 +136,7 @@ pub enum TrainerCommand {
     },
 }
 
-/// Drives the real car by plan.
+/// Acts in the real world by plan.
 #[derive(Debug)]
 pub enum DriverCommand {
     /// Plans with these rewards from now on.
@@ -172,7 +172,7 @@ pub enum DreamInspectorCommand {
     Predict(Query),
 }
 
-/// Lets a person drive the real car and records it; an episode that the environment ends is kept.
+/// Lets a person act in the real world and records it; an episode that the environment ends is kept.
 #[derive(Debug)]
 pub enum RecorderCommand {
     /// Starts an episode on the track of `seed`, kept in the dataset at `dataset`.
@@ -188,7 +188,7 @@ pub enum RecorderCommand {
     Reward(Parameters),
     /// Gives the wheel to the planner, or back.
     HandOver(bool),
-    /// Dreams beside the real car, or no longer.
+    /// Dreams beside the real world, or no longer.
     CompareRollout(Option<RolloutComparison>),
     /// Stops the clock, or lets it go on.
     Pause(bool),

@@ -1,4 +1,4 @@
-//! Lets the planner drive the real car, and shows the plans that it considered.
+//! Lets the planner act in the real world, and shows the plans that it considered.
 
 use std::sync::Arc;
 use std::sync::mpsc::Receiver;

@@ -1,4 +1,4 @@
-//! Lets a person drive the real car by hand, every step of it on disk before the next.
+//! Lets a person act in the real world by hand, every step of it on disk before the next.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -20,7 +20,7 @@ const NAME: WorkerName = WorkerName::Recorder;
 /// The name of the driver in the recordings.
 const PILOT: &str = "person";
 
-/// What a recorder shows: the real car, and the rollout that it is compared with.
+/// What a recorder shows: the real world, and the rollout that it is compared with.
 pub type Views = (Latest<LiveView>, Latest<RolloutView>);
 
 /// Starts a thread that drives the world that `open` opens, which is `spec`, by `action` or as `planner` says, and shows it

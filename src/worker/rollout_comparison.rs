@@ -1,4 +1,4 @@
-//! What runs beside a person in the real car: a rollout of the world model to compare with, and a planner that can drive.
+//! What runs beside a person in the real world: a rollout of the world model to compare with, and a planner that can drive.
 
 use std::sync::Arc;
 
@@ -22,7 +22,7 @@ pub(super) struct Assistant {
     rollout: Option<Rollout>,
 }
 
-/// What the world model predicts under the real car's actions.
+/// What the world model predicts under the real world's actions.
 struct Rollout {
     state: State,
     /// Steps since it saw the real world.

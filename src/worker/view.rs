@@ -36,19 +36,19 @@ pub struct LiveView {
     pub status: Option<Status>,
 }
 
-/// How a rollout of the world model is compared with the real car.
+/// How a rollout of the world model is compared with the real world.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct RolloutComparison {
     /// After how many steps it looks at the real world and begins anew, if ever.
     pub reset: Option<usize>,
 }
 
-/// A rollout of the world model beside the real car, under the same actions.
+/// A rollout of the world model beside the real world, under the same actions.
 #[derive(Clone, Debug)]
 pub struct RolloutView {
     /// What is dreamt.
     pub frame: Frame,
-    /// The step of the real car.
+    /// The step of the real world.
     pub step: usize,
     /// How many steps ago the rollout last saw the real world.
     pub since: usize,

@@ -13,14 +13,14 @@ import types
 def main():
     parser = argparse.ArgumentParser(prog="python -m dropj.serve", description="Serves a world of gymnasium to dropj.")
     parser.add_argument("id", help="as gymnasium.make takes it, such as CarRacing-v3 or gym_pusht/PushT-v0")
-    parser.add_argument("--config", type=json.loads, default={}, metavar="JSON", help="arguments for gymnasium.make")
+    parser.add_argument("--config", type=_object, default={}, metavar="JSON", help="arguments for gymnasium.make")
     parser.add_argument("--import", dest="modules", action="append", default=[], metavar="MODULE", help="import first")
     parser.add_argument("--wrap", metavar="FILE:FUNCTION", help="a function of a Python file that takes and returns the env")
     parser.add_argument("--size", type=_size, metavar="HxW", help="shrink pictures to this size")
     parser.add_argument("--pixels", help="observation, render, or the key of an observation")
     parser.add_argument("--hertz", type=float, help="steps a second of the world's time")
     parser.add_argument("--axes", type=_names, metavar="A,B", help="names of the action's numbers")
-    parser.add_argument("--neutral", type=json.loads, metavar="[A,B]", help="the action while nobody does anything")
+    parser.add_argument("--neutral", type=_numbers, metavar="A,B", help="the action while nobody does anything")
     parser.add_argument("--safety", type=_names, default=[], metavar="A,B", help="fields of info that say what is bad")
     parser.add_argument("--progress", type=_names, default=[], metavar="A,B", help="fields of info that say what is good")
     parser.add_argument("--policy", metavar="FILE:FUNCTION", help="a function of env and rng that returns an action, for recordings")
@@ -44,6 +44,23 @@ def main():
         executed=options.executed,
         name=options.id,
     )
+
+
+def _object(text):
+    try:
+        found = json.loads(text)
+    except ValueError:
+        found = None
+    if not isinstance(found, dict):
+        raise argparse.ArgumentTypeError(f"{text} is no object of JSON, such as '{{\"continuous\": true}}'; mind the quotes")
+    return found
+
+
+def _numbers(text):
+    try:
+        return json.loads(f"[{text.strip().removeprefix('[').removesuffix(']')}]")
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text} are no numbers, such as 0,0.5") from None
 
 
 def _make(options):

@@ -12,7 +12,7 @@ use crate::ui::settings::keymap::KeyAction;
 pub(crate) enum Place {
     /// Nothing is driven yet.
     Waiting,
-    /// Driving a dream or the real car.
+    /// Acting in a dream or the real world.
     Driving,
     /// Answering.
     Labeling,
