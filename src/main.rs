@@ -31,22 +31,42 @@ fn main() -> ExitCode {
 /// has to itself.
 ///
 /// Threads that spin while they wait cost ten times beside a window. Memory that is given back to the system after each
-/// training step costs a fifth of the next. Threads come and go with sessions, and each of the many arenas that the
-/// allocator would give them keeps what it once had: with two, memory is flat after a dozen sessions.
+/// training step costs a fifth of the next; a window, which trains little and stays open, gives it back all the same, and
+/// holds two thirds of what it would (671 MiB for 1039 after dreams, answers, a fit and a drive with the paper's networks for
+/// obstacles). Threads come and go with sessions, and each of the many arenas that the allocator would give them keeps what
+/// it once had: with two, memory is flat after a dozen sessions.
 #[cfg(unix)]
 const AROUND_LIBTORCH: [(&str, &str); 4] = [
+    ("OMP_WAIT_POLICY", "PASSIVE"),
+    ("MALLOC_MMAP_THRESHOLD_", "2097152"),
+    ("MALLOC_TRIM_THRESHOLD_", "33554432"),
+    ("MALLOC_ARENA_MAX", "2"),
+];
+/// The same for [`TRAINING`].
+#[cfg(unix)]
+const WHILE_TRAINING: [(&str, &str); 4] = [
     ("OMP_WAIT_POLICY", "PASSIVE"),
     ("MALLOC_MMAP_THRESHOLD_", "33554432"),
     ("MALLOC_TRIM_THRESHOLD_", "536870912"),
     ("MALLOC_ARENA_MAX", "2"),
 ];
+/// The subcommands that train for long.
+#[cfg(unix)]
+const TRAINING: [&str; 4] = ["fit-world", "fit-probe", "simulate", "refit"];
 
-/// Starts the program anew where [`AROUND_LIBTORCH`] is not set yet.
+/// Starts the program anew where that is not set yet. What somebody set otherwise is left alone.
 #[cfg(unix)]
 fn set_around_libtorch() {
     use std::os::unix::process::CommandExt as _;
 
-    let missing = AROUND_LIBTORCH.into_iter().filter(|(name, _)| std::env::var_os(name).is_none());
+    let first = std::env::args_os().nth(1);
+    let trains = first.is_some_and(|first| TRAINING.iter().any(|name| first == **name));
+    let wanted = if trains { WHILE_TRAINING } else { AROUND_LIBTORCH };
+    let is_missing = |&((name, value), (_, usual)): &((&str, &str), (&str, &str))| {
+        // Cargo sets what is usual.
+        std::env::var_os(name).is_none_or(|set| set == *usual && value != usual)
+    };
+    let missing = wanted.into_iter().zip(AROUND_LIBTORCH).filter(is_missing).map(|(wanted, _)| wanted);
     let missing: Vec<_> = missing.collect();
     if !missing.is_empty()
         && let Ok(program) = std::env::current_exe()

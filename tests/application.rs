@@ -128,6 +128,7 @@ fn toy_world() -> LoadedWorld {
         parameters: model.parameters().clone(),
         card: Vec::new(),
         starts: vec![DreamStart { name: "Start".to_owned(), state, picture: None }],
+        compact: None,
     }
 }
 

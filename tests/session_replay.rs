@@ -49,7 +49,7 @@ fn the_example_with_obstacles_replays_and_its_rewards_are_learned_again() {
     let asked = replayed.session.queries().iter();
     let mut named: Vec<_> = asked
         .filter_map(|asked| match asked.answer()?.answer.response {
-            Response::Justified(justification, _) => Some(justification),
+            Response::Justified(active, _) => Some(active.most_severe()),
             _ => None,
         })
         .collect();

@@ -173,15 +173,10 @@ impl App {
     }
 }
 
-/// The weights with that of one justification moved, and of the others what must move with it.
+/// The weights with that of one justification moved.
 pub(crate) fn with_justification(weights: &Weights, idx: usize, weight: f32) -> Weights {
     let mut named: Vec<(String, f32)> = weights.justifications.clone().into();
-    let default = named.len() - 1;
     named[idx].1 = weight;
-    if idx < default {
-        named[..idx].iter_mut().for_each(|(_, above)| *above = above.max(weight));
-        named[idx + 1..default].iter_mut().for_each(|(_, below)| *below = below.min(weight));
-    }
     let justifications = Justifications::new(named).unwrap_or(weights.justifications.clone());
     Weights { justifications, ..weights.clone() }
 }
@@ -191,15 +186,16 @@ mod tests {
     use super::*;
 
     #[test]
-    fn moving_a_weight_keeps_the_order_of_severity() {
+    fn a_weight_is_moved_alone() {
         let all = [("grass", 1.0), ("chuckhole", 0.9), ("car", 0.8), ("default", 0.75)];
         let weights = Weights { justifications: Justifications::new(all).unwrap(), ..Weights::paper() };
         let moved = |idx, weight| -> Vec<f32> {
             let moved = with_justification(&weights, idx, weight);
             moved.justifications.iter().map(|(.., weight)| weight).collect()
         };
-        assert_eq!(moved(1, 0.6), [1.0, 0.6, 0.6, 0.75]);
-        assert_eq!(moved(2, 1.0), [1.0, 1.0, 1.0, 0.75]);
-        assert_eq!(moved(3, 1.0), [1.0, 0.9, 0.8, 1.0], "the default is no degree of severity");
+        assert_eq!(moved(1, 0.6), [1.0, 0.6, 0.8, 0.75]);
+        assert_eq!(moved(2, 1.0), [1.0, 0.9, 1.0, 0.75], "more than what is more severe");
+        assert_eq!(moved(3, 1.0), [1.0, 0.9, 0.8, 1.0]);
+        assert_eq!(moved(0, 0.4), [1.0, 0.9, 0.8, 0.75], "no weight is below one half");
     }
 }

@@ -23,6 +23,9 @@ pub(crate) struct Options {
     /// The seed that the world model was trained with; only for models whose file does not say what was held out
     #[arg(long, default_value_t = 0)]
     seed: u64,
+    /// None of these recordings was trained on: compare on all of them
+    #[arg(long)]
+    fresh: bool,
     /// How many stretches of held-out episodes to compare
     #[arg(long, value_parser = count(1..=100_000), default_value_t = 100)]
     stretches: usize,
@@ -36,11 +39,15 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
     let model = models::world_model(&options.world)?;
     let dataset = Dataset::open_as(&options.data, model.spec())?;
     let n = dataset.n_episodes();
-    let held_out =
-        model.held_out().unwrap_or_else(|| Split::new(n, FitConfig::full().held_out, options.seed).held_out);
+    let held_out = if options.fresh {
+        (0..n).collect()
+    } else {
+        model.held_out().unwrap_or_else(|| Split::new(n, FitConfig::full().held_out, options.seed).held_out)
+    };
     anyhow::ensure!(
         held_out.iter().all(|&episode| episode < n),
-        "the world model was trained on more recordings than the {n} in {:?}: give those",
+        "the world model was trained on more recordings than the {n} in {:?}: give those, or say with --fresh that none of \
+         these is among them",
         options.data
     );
     let (env, seen) = (dataset.env().unwrap_or_default(), model.config().vae.size());

@@ -58,6 +58,8 @@ pub(crate) enum StrategyName {
     Uniform,
     /// By chance, but seldom two that are likely unsafe
     Balanced,
+    /// About what was named least so far, such as a hazard that is seldom
+    LeastAnswered,
     /// Where the reward's networks disagree
     Disagreement,
     /// Near where something unsafe began
@@ -69,10 +71,20 @@ impl From<StrategyName> for Strategy {
         match name {
             StrategyName::Uniform => Self::Uniform,
             StrategyName::Balanced => Self::Balanced,
+            StrategyName::LeastAnswered => Self::LeastAnswered,
             StrategyName::Disagreement => Self::Disagreement,
             StrategyName::Boundary => Self::SafetyBoundary,
         }
     }
+}
+
+/// The planners that act in the real world.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum PlannerName {
+    /// As the world's file says
+    Ours,
+    /// The authors': 15 steps ahead in the paper's worlds, by their brake, and nothing refined
+    Paper,
 }
 
 /// What players can be after.

@@ -13,6 +13,8 @@ use dropj::world::cars::{Aids, CarWorld};
 use dropj::world::{NAMES, ProcessWorld, SourceKind, World, WorldSpec};
 use dropj::world_model::{WorldModel, WorldModelConfig};
 
+/// What a smaller world model is called, on the command line and at the end of its file's name.
+const COMPACT: &str = "compact";
 /// Bytes of a world's file.
 const MOST: u64 = 1 << 20;
 
@@ -119,9 +121,30 @@ impl ChosenWorld {
         self.belonging("world")
     }
 
-    /// Where its probe is looked for.
-    pub(crate) fn probe(&self) -> PathBuf {
-        self.belonging("probe")
+    /// A smaller world model that is shipped for it beside the usual one, for machines that do not keep its pace.
+    pub(crate) fn compact_world_model(&self) -> Option<PathBuf> {
+        let mut name = self.world_model().file_stem()?.to_owned();
+        name.push(format!("-{COMPACT}.safetensors"));
+        let path = self.world_model().with_file_name(name);
+        (self.is_built_in() && path.is_file()).then_some(path)
+    }
+
+    /// The world model that `--world` names: a file, the compact one that is shipped, or without it the usual one.
+    pub(crate) fn named_world_model(&self, named: Option<&Path>) -> PathBuf {
+        let Some(path) = named else { return self.world_model() };
+        let compact = || self.compact_world_model().filter(|_| path == Path::new(COMPACT) && !path.exists());
+        compact().unwrap_or_else(|| path.to_owned())
+    }
+
+    /// Where the probe for the world model in the file `world` is looked for: beside that, by a name of the same kind, or where
+    /// that of the world is.
+    pub(crate) fn probe(&self, world: &Path) -> PathBuf {
+        let name = world.file_name().map(|name| name.to_string_lossy());
+        let beside = name.filter(|name| name.contains("world")).map(|name| {
+            let at = name.rfind("world").unwrap_or_default();
+            world.with_file_name(format!("{}probe{}", &name[..at], &name[at + "world".len()..]))
+        });
+        beside.filter(|path| path.is_file()).unwrap_or_else(|| self.belonging("probe"))
     }
 
     /// The networks that two cores train and dream with for it.
@@ -205,5 +228,23 @@ mod tests {
         assert_eq!(of("car-racing"), "world-car-racing.safetensors");
         assert_eq!(of("obstacle-car-racing"), "world-obstacle-car-racing.safetensors");
         assert_eq!(of("obstacle-car-racing-chuckholes"), "world-obstacle-car-racing.safetensors");
+    }
+
+    #[test]
+    fn a_compact_model_has_a_name_and_a_probe_of_its_own() {
+        let obstacles = chosen_world("obstacle-car-racing-chuckholes").unwrap();
+        let named = |name: &str| obstacles.named_world_model(Some(Path::new(name)));
+        let file_of = |path: PathBuf| path.file_name().unwrap().to_string_lossy().into_owned();
+        assert_eq!(file_of(named("compact")), "world-obstacle-car-racing-compact.safetensors");
+        let probe = obstacles.probe(&named("compact"));
+        assert_eq!(file_of(probe), "probe-obstacle-car-racing-compact.safetensors");
+        assert_eq!(named("elsewhere/world.safetensors"), Path::new("elsewhere/world.safetensors"));
+        assert_eq!(
+            file_of(obstacles.probe(Path::new("world.safetensors"))),
+            "probe-obstacle-car-racing.safetensors"
+        );
+        let cars = chosen_world("car-racing").unwrap();
+        assert_eq!(cars.compact_world_model(), None, "the usual one is small");
+        assert_eq!(cars.named_world_model(Some(Path::new("compact"))), Path::new("compact"));
     }
 }

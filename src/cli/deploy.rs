@@ -16,7 +16,7 @@ use dropj::world::{Action, World, event_slug};
 use rand::SeedableRng as _;
 use rand_chacha::ChaCha8Rng;
 
-use super::choices::Switch;
+use super::choices::{PlannerName, Switch};
 use super::chosen_world::{ChosenWorld, chosen_world};
 use super::meter::Meter;
 use super::models;
@@ -47,6 +47,9 @@ pub(crate) struct Options {
     /// The seed of the first; the others follow by one
     #[arg(long, default_value_t = 0)]
     seed: u64,
+    /// Which planner acts: ours, or the authors' for comparison
+    #[arg(long, value_enum, default_value = "ours")]
+    planner: PlannerName,
     /// How many steps the planner looks ahead [default: the world's]
     #[arg(long, value_parser = clap::value_parser!(u16).range(1..=200))]
     horizon: Option<u16>,
@@ -82,7 +85,7 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
         (model, env)
     } else {
         let env = options.env.clone().unwrap_or_else(ChosenWorld::usual);
-        let path = options.world.clone().unwrap_or_else(|| env.world_model());
+        let path = env.named_world_model(options.world.as_deref());
         (models::world_model(&path)?, env)
     };
     models::require(&model, &env)?;
@@ -97,6 +100,10 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
     };
 
     let planner = PlannerConfig::of(&env.spec, None).for_model(&model);
+    let planner = match options.planner {
+        PlannerName::Ours => planner,
+        PlannerName::Paper => planner.authors(&env.spec),
+    };
     let planner = if reward.is_sparse() { planner.for_transitions() } else { planner };
     let planner = options.run_file.over("planner", &planner, PlannerConfig::check)?.for_model(&model);
     let horizon = options.horizon.map_or(planner.horizon, usize::from);

@@ -70,7 +70,7 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
         print!("{}", all.with("fit", &config).to_toml());
         return Ok(());
     }
-    let world = options.world.clone().unwrap_or_else(|| options.env.world_model());
+    let world = options.env.named_world_model(options.world.as_deref());
     let model = models::world_model(&world)?;
     models::require(&model, &options.env)?;
     let out = OutputFile::at(&options.out, Kind::Network)?;

@@ -161,6 +161,7 @@ fn columns(rows: &[LabelRow]) -> Vec<(&'static str, Column)> {
         ("at", ints(&|row| i64::try_from(row.at).ok())),
         ("step", ints(&|row| row.step.and_then(step))),
         ("verdict", texts(&|row| row.verdict)),
+        ("active", texts(&|row| row.active.as_deref())),
     ]
 }
 
@@ -246,6 +247,7 @@ mod tests {
             at: 1_795_342_500_000,
             step: None,
             verdict: None,
+            active: None,
         };
         let skipped = LabelRow { skipped: Some("other"), mu: None, preference: None, ..said.clone() };
         let file = to_parquet(&[said.clone(), skipped]).unwrap();

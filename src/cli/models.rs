@@ -61,9 +61,9 @@ pub(crate) fn of_session(dir: &Path, path: Option<&Path>) -> anyhow::Result<Worl
     }
 }
 
-/// The probe in `path`, or that of a world.
-pub(crate) fn probe(path: Option<&Path>, world: &ChosenWorld) -> anyhow::Result<Probe> {
-    let usual = world.probe();
+/// The probe in `path`, or else that for the world model in the file `model`.
+pub(crate) fn probe(path: Option<&Path>, model: &Path, world: &ChosenWorld) -> anyhow::Result<Probe> {
+    let usual = world.probe(model);
     let path = path.unwrap_or(&usual);
     let parameters = read_parameters(path)
         .context("there is no usable probe; give one with --probe, or fit one with `dropj fit-probe`")?;

@@ -35,6 +35,7 @@ impl Script {
             parameters: model.parameters().clone(),
             card: Vec::new(),
             starts: Vec::new(),
+            compact: None,
         };
         let app = App::new(Startup {
             spec: Arc::clone(model.spec()),

@@ -7,7 +7,7 @@ use std::time::Instant;
 use anyhow::Context as _;
 use dropj::app::{Command, LabelCommand};
 use dropj::planner::PlannerConfig;
-use dropj::query::{DreamId, Justifications, Protocol, Query, SEGMENT_LEN, Weights};
+use dropj::query::{DreamId, Justifications, Protocol, Query, SEGMENT_LEN, Strategy, Weights};
 use dropj::reward::{RewardConfig, SparseConfig};
 use dropj::session::{DreamSource, Header, NewSession, now, relative};
 use dropj::simulate::annotator::Annotator;
@@ -36,20 +36,20 @@ pub(crate) struct Options {
     /// crash=1,bump=0.95,default=0.75
     #[arg(long, value_parser = named_weight, value_delimiter = ',')]
     weights: Vec<(String, f32)>,
-    /// How many queries; those that are skipped count [default: the paper's 500, where several things must not
-    /// happen 1000; of single transitions 2205]
+    /// How many queries; those that are skipped count [default: the paper's 500, where two things must not happen 1000,
+    /// where more 1500; of single transitions 2205]
     #[arg(long, value_parser = count(1..=1_000_000))]
     queries: Option<usize>,
     /// How many answers are taken back and given again, evenly spread
     #[arg(long, value_parser = count(0..=1_000_000), default_value_t = 0)]
     undo: usize,
-    /// How pairs are chosen
-    #[arg(long, value_enum, default_value = "uniform")]
-    choice: StrategyName,
+    /// How pairs are chosen [default: the paper's uniform; where several things must not happen least-answered]
+    #[arg(long, value_enum)]
+    choice: Option<StrategyName>,
     /// Who answers, as the session says it
     #[arg(long, value_parser = name, default_value = "simulated")]
     annotator: String,
-    /// How many dreams are played [default: the paper's 10, where several things must not happen 60]
+    /// How many dreams are played [default: the paper's 10, where two things must not happen 30, where more 60]
     #[arg(long, value_parser = count(1..=10_000))]
     dreams: Option<usize>,
     /// Steps of a dream, at least those of a clip
@@ -188,7 +188,7 @@ fn settings(options: &Options) -> anyhow::Result<(SimulateConfig, SparseConfig)>
         planner,
         reward,
         annotator: options.knobs.annotator(),
-        strategy: options.choice.into(),
+        strategy: options.choice.map_or(papers.strategy, Strategy::from),
         ..papers
     };
     Ok((config, verdicts))
@@ -224,11 +224,11 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
         print!("{}", to_toml(all, &config, &learning));
         return Ok(());
     }
-    let world = options.world.clone().unwrap_or_else(|| env.world_model());
+    let world = env.named_world_model(options.world.as_deref());
     let model = models::world_model(&world)?;
     models::require(&model, env)?;
     config.planner = config.planner.for_model(&model);
-    let probe = models::probe(options.probe.as_deref(), env)?;
+    let probe = models::probe(options.probe.as_deref(), &world, env)?;
     probe.require(&model)?;
     let mut header = Header::of(&env.spec, config.protocols[0], options.seed, &model.hash(), now());
     header.config.weights.justifications = config.justifications.clone();

@@ -54,7 +54,10 @@ pub(crate) fn run(options: Options) -> anyhow::Result<()> {
         (None, None) => ChosenWorld::usual(),
     };
     let own = session.as_ref().and_then(SessionStore::world_model_path);
-    let world = options.world.or(own).unwrap_or_else(|| env.world_model());
+    let world = match options.world.as_deref() {
+        named @ Some(_) => env.named_world_model(named),
+        None => own.unwrap_or_else(|| env.world_model()),
+    };
     let shipped = env.world_model();
     let here = env.clone();
     let load = move |path: &Path| {
@@ -140,5 +143,6 @@ fn load(path: &Path, is_shipped: bool, env: &ChosenWorld) -> anyhow::Result<Load
         parameters: model.parameters().clone(),
         card,
         starts,
+        compact: env.compact_world_model().filter(|_| is_shipped),
     })
 }

@@ -4,6 +4,7 @@
 
 pub mod agreement;
 pub mod fidelity;
+pub mod hazards;
 pub mod metrics;
 pub mod ranking;
 pub mod results;
@@ -20,6 +21,7 @@ use crate::world::{Action, Frame, World, WorldError};
 use crate::world_model::WorldModel;
 
 pub use agreement::{Agreement, kappa};
+pub use hazards::{HazardRanking, HazardTally};
 pub use metrics::{EpisodeMetrics, EventFigure, MeanSd, Summary, Tally};
 pub use ranking::auc;
 pub use results::Results;

@@ -16,7 +16,7 @@ use crate::dream::Rows;
 use crate::reward::{RewardModel, scaled_actions_tensor};
 use crate::tensor::limits::{MAX_COUNT, OutOfRange, within};
 use crate::tensor::{NotFinite, to_vec};
-use crate::world::{Action, CandidateSource, WorldSpec};
+use crate::world::{Action, CandidateSource, WorldSpec, authors_brake};
 use crate::world_model::{Next, State, WorldModel, actions_tensor};
 
 pub use agent::Agent;
@@ -92,7 +92,16 @@ impl PlannerConfig {
 
     /// The authors' values for Car Racing.
     pub fn paper() -> Self {
-        Self { horizon: 15, brake: Some(0.2), ..Self::car_racing() }
+        Self::car_racing().authors(&WorldSpec::default())
+    }
+
+    /// The authors' planner in this world: in those of the paper 15 steps ahead by their brake (method §11.4), in others as
+    /// the world's file says; nothing is refined.
+    #[must_use]
+    pub fn authors(self, spec: &WorldSpec) -> Self {
+        let brake = authors_brake(&spec.name);
+        let horizon = if brake.is_some() { 15 } else { self.horizon };
+        Self { horizon, brake, refine: None, ..self }
     }
 
     /// Ours for Car Racing: a longer look ahead and a gentler brake.
@@ -124,12 +133,12 @@ impl PlannerConfig {
         within("the number of steps until all is forgotten", self.memory_reset.unwrap_or(1), 1..=MAX_COUNT)
     }
 
-    /// The authors' values for Obstacle Car Racing with chuckholes and other cars.
+    /// Ours for Obstacle Car Racing with chuckholes and other cars: the authors' brake there, and a longer look ahead.
     pub fn obstacle_car_racing() -> Self {
         Self::built_in("obstacle-car-racing")
     }
 
-    /// The authors' values for Obstacle Car Racing with chuckholes alone.
+    /// Ours for Obstacle Car Racing with chuckholes alone: a longer look ahead, and a gentler brake.
     pub fn obstacle_car_racing_chuckholes() -> Self {
         Self::built_in("obstacle-car-racing-chuckholes")
     }
@@ -287,8 +296,14 @@ mod tests {
             |config: &PlannerConfig| (config.horizon, config.replan, config.memory_reset, brake(config));
         assert_eq!(told(&PlannerConfig::car_racing()), (25, 4, Some(50), 0.08));
         assert_eq!(told(&PlannerConfig::paper()), (15, 4, Some(50), 0.2));
-        assert_eq!(told(&PlannerConfig::obstacle_car_racing()), (15, 4, Some(50), 0.05));
-        assert_eq!(told(&PlannerConfig::obstacle_car_racing_chuckholes()), (15, 4, Some(50), 0.1));
+        for (name, brake) in [("obstacle-car-racing", 0.05), ("obstacle-car-racing-chuckholes", 0.1)] {
+            let ours = PlannerConfig::built_in(name);
+            assert_eq!(told(&ours), (25, 4, Some(50), 0.05));
+            let spec = WorldSpec::built_in(name).unwrap();
+            assert_eq!(told(&ours.authors(&spec)), (15, 4, Some(50), brake));
+        }
+        let other = WorldSpec { name: "arm".to_owned(), ..WorldSpec::default() };
+        assert_eq!(told(&PlannerConfig::of(&other, None).authors(&other)), (25, 4, Some(50), 0.08));
         assert!(PlannerConfig::car_racing().refine.is_none() && PlannerConfig::paper().temperature == 0.1);
     }
 

@@ -1,6 +1,6 @@
 //! How two answers to the same query differ: about safety, which matters most, or about something else.
 
-use crate::query::{Justification, Response, SafetyAnswer, Verdict};
+use crate::query::{Justification, Preference, Response, SafetyAnswer, Verdict};
 
 /// What sets two answers to the same query apart.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -24,7 +24,7 @@ impl Difference {
         }
         let claims = [one, other].map(|response| SafetyClaim::of(response, default));
         Some(match claims {
-            _ if one == other => Self::None,
+            _ if one.as_counted() == other.as_counted() => Self::None,
             [Some(one), Some(other)] if one != other => Self::Critical,
             _ => Self::Other,
         })
@@ -41,7 +41,7 @@ pub enum SafetyClaim {
     /// No justification but the default tells the clips apart.
     Nothing,
     /// This justification does, in this way.
-    Reason(Justification, Response),
+    Reason(Justification, Preference),
 }
 
 impl SafetyClaim {
@@ -52,8 +52,8 @@ impl SafetyClaim {
             Response::Safety(SafetyAnswer::OnlyRight) => Self::Safe(false, true),
             Response::Safety(SafetyAnswer::Neither) => Self::Safe(false, false),
             Response::Safety(SafetyAnswer::Both(_)) => Self::Safe(true, true),
-            Response::Justified(justification, _) if justification == default => Self::Nothing,
-            Response::Justified(justification, _) => Self::Reason(justification, response),
+            Response::Justified(active, _) if active.most_severe() == default => Self::Nothing,
+            Response::Justified(active, preference) => Self::Reason(active.most_severe(), preference),
             Response::Judged(verdict) => Self::Unsafe(verdict == Verdict::Unsafe),
             Response::Preferred(_) | Response::Skipped(_) => return None,
         })
@@ -63,7 +63,7 @@ impl SafetyClaim {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::query::{Justifications, Preference, Weights};
+    use crate::query::{Active, Justifications, Weights};
 
     #[test]
     fn differing_about_safety_is_critical() {
@@ -85,11 +85,13 @@ mod tests {
     fn naming_another_danger_is_critical_and_another_taste_is_not() {
         let all = Justifications::of(&crate::world::WorldSpec::built_in("obstacle-car-racing").unwrap());
         let [grass, chuckhole] = ["grass", "chuckhole"].map(|name| all.named(name).unwrap());
-        let said = Response::Justified;
+        let said = |why: Justification, side| Response::Justified(why.into(), side);
         let between = |one, other| Difference::between(one, other, all.default());
         let (left, right) = (Preference::Left, Preference::Right);
         assert_eq!(between(said(grass, left), said(chuckhole, left)), Some(Difference::Critical));
         assert_eq!(between(said(grass, left), said(grass, right)), Some(Difference::Critical));
+        let both = Response::Justified(Active::of(chuckhole).with(grass), left);
+        assert_eq!(between(said(grass, left), both), Some(Difference::None), "both name grass");
         assert_eq!(between(said(all.default(), left), said(all.default(), right)), Some(Difference::Other));
     }
 

@@ -84,8 +84,8 @@ impl Weights {
                 SafetyAnswer::Neither => Label::EQUAL,
                 SafetyAnswer::Both(preference) => Label::weighted(self.default, preference),
             }),
-            Response::Justified(justification, preference) => {
-                Some(Label::weighted(self.justifications.weight(justification), preference))
+            Response::Justified(active, preference) => {
+                Some(Label::weighted(self.justifications.weight(active.most_severe()), preference))
             }
         }
     }
@@ -119,12 +119,14 @@ impl Weights {
             Response::Safety(SafetyAnswer::Both(Preference::Equal)) => {
                 "both are safe, neither is better".to_owned()
             }
-            Response::Justified(justification, preference) => {
-                let all = &self.justifications;
-                let name = all
-                    .iter()
-                    .find(|(this, ..)| *this == justification)
-                    .map_or("default", |(_, name, _)| name);
+            Response::Justified(active, preference) => {
+                let names = self.justifications.iter().filter(|(it, ..)| active.contains(*it));
+                let names: Vec<_> = names.map(|(_, name, _)| name).collect();
+                let name = match names[..] {
+                    [] => "default".to_owned(),
+                    [one] => one.to_owned(),
+                    [named, ref others @ ..] => format!("{named} (and {})", others.join(", ")),
+                };
                 match preference {
                     Preference::Left => format!("left is better because of {name}"),
                     Preference::Right => format!("right is better because of {name}"),
@@ -164,7 +166,7 @@ mod tests {
         let weights = Weights { justifications, ..Weights::paper() };
         let mu = |name: &str, preference| {
             let justification = weights.justifications.named(name).unwrap();
-            weights.label(&Response::Justified(justification, preference)).unwrap().mu()
+            weights.label(&Response::Justified(justification.into(), preference)).unwrap().mu()
         };
         for (name, expected) in
             [("grass", [1.0, 0.5, 0.0]), ("chuckhole", [0.95, 0.5, 0.05]), ("default", [0.75, 0.5, 0.25])]
@@ -187,7 +189,7 @@ mod tests {
             Just(Response::Safety(SafetyAnswer::OnlyRight)),
             Just(Response::Safety(SafetyAnswer::Neither)),
             any_preference().prop_map(|p| Response::Safety(SafetyAnswer::Both(p))),
-            (0u8..2, any_preference()).prop_map(|(j, p)| Response::Justified(Justification(j), p)),
+            (0u8..2, any_preference()).prop_map(|(j, p)| Response::Justified(Justification(j).into(), p)),
         ]
     }
 

@@ -3,9 +3,9 @@
 //! Plain data: no tensor, no file, and no text that a user reads but the words of [`Label`].
 //! What is stored is what was *said*. The label μ is derived from it, so that other weights need no new answers.
 
-pub mod balance;
 pub mod difference;
 pub mod justification;
+pub mod known;
 pub mod label;
 pub mod response;
 pub mod pool;
@@ -13,8 +13,8 @@ pub mod segment;
 pub mod strategy;
 pub mod transition;
 
-pub use balance::{KnownSafety, sample_balanced};
-pub use justification::{Justification, JustificationError, Justifications};
+pub use justification::{Active, Justification, JustificationError, Justifications};
+pub use known::{KnownClips, sample_balanced, sample_least_answered};
 pub use label::{Label, Weights};
 pub use pool::{Pool, most_disagreed};
 pub use response::{Preference, Protocol, Response, SafetyAnswer, SkipReason};

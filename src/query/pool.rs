@@ -2,7 +2,7 @@
 
 use rand::Rng;
 
-use crate::query::balance::{KnownSafety, sample_balanced};
+use crate::query::known::{KnownClips, sample_balanced, sample_least_answered};
 use crate::query::segment::{DreamId, SegmentRef};
 use crate::query::strategy::{Strategy, sample_near_mark, sample_pair};
 
@@ -11,8 +11,8 @@ use crate::query::strategy::{Strategy, sample_near_mark, sample_pair};
 pub struct Pool<'a> {
     /// The dreams, each with its length in steps.
     pub dreams: &'a [(DreamId, usize)],
-    /// What was answered so far of which moments stay safe.
-    pub known: &'a KnownSafety,
+    /// What was answered so far about which moments.
+    pub known: &'a KnownClips,
     /// The steps that were marked as unsafe while driving.
     pub marks: &'a [(DreamId, usize)],
 }
@@ -26,6 +26,7 @@ impl Pool<'_> {
         match strategy {
             Strategy::Uniform | Strategy::Disagreement => sample_pair(self.dreams, rng),
             Strategy::Balanced => sample_balanced(self.dreams, self.known, rng),
+            Strategy::LeastAnswered => sample_least_answered(self.dreams, self.known, rng),
             Strategy::SafetyBoundary => sample_near_mark(self.dreams, self.marks, rng),
         }
     }
@@ -47,7 +48,7 @@ mod tests {
     #[test]
     fn each_strategy_draws_from_what_it_goes_by() {
         let (dreams, marks) = ([(DreamId(0), 400), (DreamId(1), 100)], [(DreamId(1), 60)]);
-        let known = KnownSafety::default();
+        let known = KnownClips::new(&crate::query::Weights::paper().justifications);
         let pool = Pool { dreams: &dreams, known: &known, marks: &marks };
         let rng = &mut ChaCha8Rng::seed_from_u64(0);
         for _ in 0..50 {
@@ -56,7 +57,9 @@ mod tests {
             assert!(pool.draw(Strategy::Uniform, rng).is_some());
         }
         let empty = Pool { dreams: &[], marks: &[], ..pool };
-        for strategy in [Strategy::Uniform, Strategy::Balanced, Strategy::SafetyBoundary] {
+        for strategy in
+            [Strategy::Uniform, Strategy::Balanced, Strategy::LeastAnswered, Strategy::SafetyBoundary]
+        {
             assert_eq!(empty.draw(strategy, rng), None, "{strategy:?}");
         }
     }

@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::query::{Justification, Verdict};
+use crate::query::{Active, Verdict};
 use crate::world::WorldSpec;
 
 /// Which questions are asked (method §7).
@@ -138,8 +138,8 @@ pub enum Response {
     Preferred(Preference),
     /// Said which stay safe: DROPJ.
     Safety(SafetyAnswer),
-    /// Named the most severe justification that applies, and a preference: DROPJ with several justifications.
-    Justified(Justification, Preference),
+    /// Said which justifications are active, and a preference: DROPJ with several justifications.
+    Justified(Active, Preference),
     /// Said what a transition is worth: ReQueST and DROS.
     Judged(Verdict),
 }
@@ -156,15 +156,21 @@ impl Response {
         })
     }
 
+    /// The same as far as labels go: of several justifications only the one that is named.
+    pub fn as_counted(self) -> Self {
+        match self {
+            Self::Justified(active, preference) => Self::Justified(active.most_severe().into(), preference),
+            Self::Skipped(_) | Self::Preferred(_) | Self::Safety(_) | Self::Judged(_) => self,
+        }
+    }
+
     /// The same response with the sides changed over.
     pub fn mirrored(self) -> Self {
         match self {
             Self::Skipped(reason) => Self::Skipped(reason),
             Self::Preferred(preference) => Self::Preferred(preference.mirrored()),
             Self::Safety(answer) => Self::Safety(answer.mirrored()),
-            Self::Justified(justification, preference) => {
-                Self::Justified(justification, preference.mirrored())
-            }
+            Self::Justified(active, preference) => Self::Justified(active, preference.mirrored()),
             Self::Judged(verdict) => Self::Judged(verdict),
         }
     }

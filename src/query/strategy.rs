@@ -19,6 +19,8 @@ pub enum Strategy {
     Uniform,
     /// By chance, but seldom two that are likely unsafe: [`sample_balanced`](crate::query::sample_balanced).
     Balanced,
+    /// About the justification that was named least so far: [`sample_least_answered`](crate::query::sample_least_answered).
+    LeastAnswered,
     /// Of [`N_CANDIDATES`] pairs the one that the members of the ensemble disagree about most.
     Disagreement,
     /// One segment near a step that a driver marked as unsafe, the other by chance.
@@ -33,30 +35,39 @@ pub struct Mix {
     pub disagreement: u8,
     /// Near marks.
     pub boundary: u8,
+    /// About what was answered least.
+    pub least_answered: u8,
     /// Whether what is left to chance is [balanced](Strategy::Balanced).
     pub is_balanced: bool,
 }
 
 impl Mix {
-    /// The same mix with no more than a hundred of a hundred: marks give way.
+    /// The same mix with no more than a hundred of a hundred: marks give way first.
     #[must_use]
     pub fn clamped(self) -> Self {
         let disagreement = self.disagreement.min(100);
-        Self { disagreement, boundary: self.boundary.min(100 - disagreement), ..self }
+        let least_answered = self.least_answered.min(100 - disagreement);
+        Self {
+            disagreement,
+            least_answered,
+            boundary: self.boundary.min(100 - disagreement - least_answered),
+            ..self
+        }
     }
 
     /// How many of a hundred are drawn by chance.
     pub fn uniform(self) -> u8 {
-        let Self { disagreement, boundary, .. } = self.clamped();
-        100 - disagreement - boundary
+        let Self { disagreement, boundary, least_answered, .. } = self.clamped();
+        100 - disagreement - boundary - least_answered
     }
 
     /// The strategy of one query.
     pub fn draw(self, rng: &mut impl Rng) -> Strategy {
-        let Self { disagreement, boundary, is_balanced } = self.clamped();
+        let Self { disagreement, boundary, least_answered, is_balanced } = self.clamped();
         match rng.random_range(0..100u8) {
             n if n < disagreement => Strategy::Disagreement,
             n if n < disagreement + boundary => Strategy::SafetyBoundary,
+            n if n < disagreement + boundary + least_answered => Strategy::LeastAnswered,
             _ if is_balanced => Strategy::Balanced,
             _ => Strategy::Uniform,
         }
@@ -124,13 +135,16 @@ mod tests {
     #[test]
     fn strategies_are_drawn_in_their_shares() {
         let rng = &mut ChaCha8Rng::seed_from_u64(0);
-        let mix = Mix { disagreement: 30, boundary: 100, is_balanced: false }.clamped();
+        let mix = Mix { disagreement: 30, boundary: 100, ..Mix::default() }.clamped();
         assert_eq!((mix.boundary, mix.uniform()), (70, 0));
-        let mix = Mix { disagreement: 30, boundary: 20, is_balanced: false };
+        let mix = Mix { disagreement: 30, boundary: 20, least_answered: 10, is_balanced: false };
         let drawn: Vec<_> = (0..2000).map(|_| mix.draw(rng)).collect();
-        for (strategy, share) in
-            [(Strategy::Uniform, 1000), (Strategy::Disagreement, 600), (Strategy::SafetyBoundary, 400)]
-        {
+        for (strategy, share) in [
+            (Strategy::Uniform, 800),
+            (Strategy::Disagreement, 600),
+            (Strategy::SafetyBoundary, 400),
+            (Strategy::LeastAnswered, 200),
+        ] {
             let n = drawn.iter().filter(|drawn| **drawn == strategy).count();
             assert!(n.abs_diff(share) < 100, "{n} of {strategy:?} where {share} were due");
         }

@@ -149,8 +149,8 @@ impl Session {
         if !is_of_it || !self.protocol.permits(&answer.response) {
             return Err(Impossible::Response { query, protocol: self.protocol });
         }
-        if let Response::Justified(justification, _) = answer.response
-            && justification > self.weights.justifications.default()
+        if let Response::Justified(active, _) = answer.response
+            && active.least_severe() > self.weights.justifications.default()
         {
             return Err(Impossible::Justification(query));
         }

@@ -157,6 +157,8 @@ pub enum Choice {
     Uniform,
     /// By chance, but seldom where both segments are likely unsafe.
     Balanced,
+    /// Its answer was likely to name what had been named least.
+    LeastAnswered,
     /// The members of the ensemble disagree about it.
     Disagreement,
     /// One of its segments lies near a step that the driver marked as unsafe.
@@ -173,6 +175,7 @@ impl From<Strategy> for Choice {
         match strategy {
             Strategy::Uniform => Self::Uniform,
             Strategy::Balanced => Self::Balanced,
+            Strategy::LeastAnswered => Self::LeastAnswered,
             Strategy::Disagreement => Self::Disagreement,
             Strategy::SafetyBoundary => Self::SafetyBoundary,
         }
@@ -350,7 +353,7 @@ pub(super) mod tests {
             asked(Choice::Repeat(QueryId(0))),
             answered(Response::Safety(SafetyAnswer::Both(Preference::Right))),
             answered(Response::Preferred(Preference::Left)),
-            answered(Response::Justified(Justification(0), Preference::Equal)),
+            answered(Response::Justified(Justification(0).into(), Preference::Equal)),
             answered(Response::Skipped(Some(SkipReason::Hallucinated))),
             Event::Answered(pointed),
             Event::Retracted { query },

@@ -12,7 +12,7 @@ use crate::text::cell;
 
 /// What each column of the table is called, in order: the fields of a [`LabelRow`].
 const COLUMNS: &str = "query,left_dream,left_start,right_dream,right_start,choice,protocol,skipped,left_safe,right_safe,justification,\
-preference,mu,secs,loops,annotator,sides_swapped,left_unsafe_from,right_unsafe_from,at,step,verdict";
+preference,mu,secs,loops,annotator,sides_swapped,left_unsafe_from,right_unsafe_from,at,step,verdict,active";
 
 /// An answer that counts: what was said, and what it means.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -61,6 +61,8 @@ pub struct LabelRow {
     pub step: Option<usize>,
     /// What was said of it.
     pub verdict: Option<&'static str>,
+    /// All justifications that are active, the most severe first, with a bar between two.
+    pub active: Option<String>,
 }
 
 /// The answers that count, skips among them, in the order of answering, with what they mean by `weights`.
@@ -116,6 +118,7 @@ impl LabelRow {
             at: *at,
             step: transition.map(|transition| transition.step),
             verdict: verdict(response),
+            active: active(response, weights),
         }
     }
 
@@ -146,6 +149,7 @@ impl LabelRow {
             self.at.to_string(),
             told(self.step),
             told(self.verdict),
+            self.active.as_deref().map(cell).unwrap_or_default(),
         ]
         .join(",")
     }
@@ -156,6 +160,7 @@ fn why(choice: Choice) -> String {
         Choice::Uniform => "uniform".to_owned(),
         Choice::Balanced => "balanced".to_owned(),
         Choice::Disagreement => "disagreement".to_owned(),
+        Choice::LeastAnswered => "least_answered".to_owned(),
         Choice::SafetyBoundary => "safety_boundary".to_owned(),
         Choice::Synthesized(acquisition) => made_to_be(acquisition).to_owned(),
         Choice::Repeat(of) => format!("again {}", of.0),
@@ -173,9 +178,16 @@ fn skipped(response: Response) -> Option<&'static str> {
 }
 
 fn justification(response: Response, weights: &Weights) -> Option<String> {
-    let Response::Justified(justification, _) = response else { return None };
-    let named = weights.justifications.iter().find(|(this, ..)| *this == justification);
+    let Response::Justified(active, _) = response else { return None };
+    let named = weights.justifications.iter().find(|(this, ..)| *this == active.most_severe());
     Some(named.map_or("", |(_, name, _)| name).to_owned())
+}
+
+/// All that are active, the most severe first, with a bar between two.
+fn active(response: Response, weights: &Weights) -> Option<String> {
+    let Response::Justified(active, _) = response else { return None };
+    let all = weights.justifications.iter().filter(|(this, ..)| active.contains(*this));
+    Some(all.map(|(_, name, _)| name).collect::<Vec<_>>().join("|"))
 }
 
 fn preference(response: Response) -> Option<&'static str> {

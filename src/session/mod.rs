@@ -39,7 +39,7 @@ pub mod worlds;
 use std::collections::{BTreeMap, BTreeSet};
 
 use crate::query::{
-    DreamId, JudgedTransition, KnownSafety, LabeledQuery, Protocol, Query, QueryId, Response, SegmentRef,
+    DreamId, JudgedTransition, KnownClips, LabeledQuery, Protocol, Query, QueryId, Response, SegmentRef,
     SkipReason, Transition, Weights,
 };
 
@@ -325,9 +325,9 @@ impl Session {
         Some(LabeledQuery { query: asked.query, label })
     }
 
-    /// Which clips were said to stay safe.
-    pub fn known_safety(&self) -> KnownSafety {
-        let mut known = KnownSafety::default();
+    /// What clips were said to show.
+    pub fn known_clips(&self) -> KnownClips {
+        let mut known = KnownClips::new(&self.weights().justifications);
         for (asked, given) in self.queries.iter().filter_map(|asked| Some((asked, asked.answer()?))) {
             known.record([asked.query.left, asked.query.right], given.answer.response);
         }

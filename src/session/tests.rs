@@ -238,7 +238,7 @@ fn what_cannot_have_happened_is_refused_and_changes_nothing() {
             Impossible::Response { query, protocol: Protocol::Dropj },
         ),
         (
-            answered(0, Response::Justified(Justification(0), Preference::Left)),
+            answered(0, Response::Justified(Justification(0).into(), Preference::Left)),
             Impossible::Response { query, protocol: Protocol::Dropj },
         ),
         (Event::Answered(step), Impossible::Step { query, step: 20 }),

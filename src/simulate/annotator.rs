@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use super::perception::Perception;
 use crate::query::{
-    Justification, Justifications, Preference, Protocol, Response, SafetyAnswer, SkipReason, Verdict,
+    Active, Justification, Justifications, Preference, Protocol, Response, SafetyAnswer, SkipReason, Verdict,
 };
 
 /// How well an annotator answers: the parameters of B-Pref, and one for safety.
@@ -141,18 +141,18 @@ fn justify(
     otherwise: impl FnOnce() -> Preference,
 ) -> Response {
     let default = all.default();
-    let mut shared = None;
-    for &(justification, shown) in shown.iter().filter(|(justification, _)| *justification != default) {
-        match shown {
-            [false, true] => return Response::Justified(justification, Preference::Left),
-            [true, false] => return Response::Justified(justification, Preference::Right),
-            [true, true] => shared = shared.or(Some(justification)),
-            [false, false] => {}
-        }
-    }
-    match shared {
-        Some(justification) => Response::Justified(justification, Preference::Equal),
-        None => Response::Justified(default, otherwise()),
+    // All that are shown so, for one preference each: they are active together.
+    let active = |wanted: [bool; 2]| {
+        let these = shown.iter().filter(|(it, shown)| *it != default && *shown == wanted).map(|(it, _)| *it);
+        these.fold(None, |all: Option<Active>, it| Some(all.map_or(Active::of(it), |all| all.with(it))))
+    };
+    let [left, right, both] = [[false, true], [true, false], [true, true]].map(active);
+    let apart = [(left, Preference::Left), (right, Preference::Right)];
+    let decides = apart.into_iter().filter_map(|(active, side)| Some((active?, side)));
+    match (decides.min_by_key(|(active, _)| active.most_severe()), both) {
+        (Some((active, side)), _) => Response::Justified(active, side),
+        (None, Some(active)) => Response::Justified(active, Preference::Equal),
+        (None, None) => Response::Justified(default.into(), otherwise()),
     }
 }
 
@@ -245,14 +245,14 @@ mod tests {
         let [fast, slow, off] = [clip(40.0, 0.1, 0.1), clip(20.0, 0.1, 0.1), clip(40.0, 0.9, 0.1)];
         let bumpy = |speed, off_road| clip(speed, off_road, 0.9);
 
-        assert_eq!(answer(&bumpy(40.0, 0.1), &off), Response::Justified(chuckhole, Preference::Right));
+        assert_eq!(answer(&bumpy(40.0, 0.1), &off), Response::Justified(chuckhole.into(), Preference::Right));
         assert_eq!(
             answer(&bumpy(40.0, 0.1), &bumpy(40.0, 0.9)),
-            Response::Justified(grass, Preference::Left)
+            Response::Justified(grass.into(), Preference::Left)
         );
         let both = [bumpy(40.0, 0.1), bumpy(20.0, 0.1)];
-        assert_eq!(answer(&both[0], &both[1]), Response::Justified(chuckhole, Preference::Equal));
-        assert_eq!(answer(&fast, &slow), Response::Justified(all.default(), Preference::Left));
+        assert_eq!(answer(&both[0], &both[1]), Response::Justified(chuckhole.into(), Preference::Equal));
+        assert_eq!(answer(&fast, &slow), Response::Justified(all.default().into(), Preference::Left));
     }
 
     #[test]
@@ -337,7 +337,7 @@ mod tests {
         let named = Justifications::new([("careless", 1.0), ("default", 0.75)]).unwrap();
         let rng = &mut ChaCha8Rng::seed_from_u64(0);
         let said = careful.answer(Protocol::DropjMulti, &named, &dropping, &better, rng);
-        assert_eq!(said, Response::Justified(named.named("careless").unwrap(), Preference::Right));
+        assert_eq!(said, Response::Justified(named.named("careless").unwrap().into(), Preference::Right));
         let mut verdict = |clip: &Perception| careful.verdict(clip, rng);
         assert_eq!(verdict(&better), Response::Judged(Verdict::Good));
         assert_eq!(verdict(&clip(&no, &no, -0.1)), Response::Judged(Verdict::Neutral));

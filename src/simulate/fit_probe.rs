@@ -20,7 +20,7 @@ use crate::tensor::adam::Adam;
 use crate::tensor::limits::{MAX_COUNT, OutOfRange, within};
 use crate::tensor::{NotFinite, Parameters, from_frames, from_slice, normal, require_finite};
 use crate::world::{Frame, WorldSpec};
-use crate::world_model::{Vae, WorldModel, fast_kind};
+use crate::world_model::{Encoder, Vae, WorldModel, fast_kind};
 
 pub use car::fit_car_probe;
 pub use events::{EventError, EventErrors, FitProbeError, fit_event_probe};
@@ -198,7 +198,7 @@ trait Lesson<S> {
 /// A world model that paints what it sees as a dream would show it.
 struct Painter<'a> {
     model: &'a WorldModel,
-    encoder: Vae,
+    encoder: Encoder,
 }
 
 impl<'a> Painter<'a> {
@@ -209,7 +209,7 @@ impl<'a> Painter<'a> {
         let layout = model.identity().layout();
         let loaded = model.parameters().fill("vae", &config.slots(), layout, &store);
         loaded.unwrap_or_else(|e| unreachable!("the model was loaded from them: {e}"));
-        Self { model, encoder: vae.for_inference(fast_kind()) }
+        Self { model, encoder: vae.encoder.for_inference(fast_kind()) }
     }
 
     /// The same moments in paint.

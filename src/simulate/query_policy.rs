@@ -8,7 +8,7 @@ use rand_chacha::ChaCha8Rng;
 use crate::dream::{DreamEpisode, Rows};
 use crate::query::strategy::N_CANDIDATES;
 use crate::query::{
-    DreamId, KnownSafety, Label, Pool, Query, Response, SegmentRef, Strategy, most_disagreed,
+    DreamId, Justifications, KnownClips, Label, Pool, Query, Response, SegmentRef, Strategy, most_disagreed,
 };
 use crate::reward::{RewardConfig, RewardEnsemble, RewardInputs, SegmentPair, Trainer, segment_rows};
 use crate::tensor::NotFinite;
@@ -28,7 +28,7 @@ pub(super) struct QueryPolicy {
     n_dreams: usize,
     lens: Vec<(DreamId, usize)>,
     marks: Vec<(DreamId, usize)>,
-    known: KnownSafety,
+    known: KnownClips,
     rng: ChaCha8Rng,
     learner: Option<Learner>,
 }
@@ -47,11 +47,17 @@ struct Learner {
 
 impl QueryPolicy {
     /// Asks by `strategy`, for which a reward of the shape `reward` is learned if it needs one.
-    pub(super) fn new(model: &WorldModel, strategy: Strategy, reward: &RewardConfig, seed: u64) -> Self {
+    pub(super) fn new(
+        model: &WorldModel,
+        strategy: Strategy,
+        justifications: &Justifications,
+        reward: &RewardConfig,
+        seed: u64,
+    ) -> Self {
+        let known = KnownClips::new(justifications);
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         rng.set_stream(STREAM);
         let learner = (strategy == Strategy::Disagreement).then(|| Learner::new(model, reward, seed));
-        let known = KnownSafety::default();
         Self { strategy, n_dreams: 0, lens: Vec::new(), marks: Vec::new(), known, rng, learner }
     }
 
@@ -78,7 +84,9 @@ impl QueryPolicy {
         let Self { strategy, lens, marks, known, rng, learner, .. } = self;
         let pool = Pool { dreams: lens, known, marks };
         let pair = match (*strategy, learner) {
-            (Strategy::Balanced | Strategy::SafetyBoundary, _) => pool.draw(*strategy, rng),
+            (Strategy::Balanced | Strategy::LeastAnswered | Strategy::SafetyBoundary, _) => {
+                pool.draw(*strategy, rng)
+            }
             (Strategy::Disagreement, Some(learner)) if learner.has_learned => {
                 let pairs = (0..N_CANDIDATES).filter_map(|_| pool.draw(*strategy, rng)).collect::<Vec<_>>();
                 learner.most_disagreed(&pairs)

@@ -388,7 +388,7 @@ mod tests {
     #[test]
     fn a_reward_of_verdicts_drives_a_dream_and_looks_further_ahead() {
         let sparse = verdicts(1, &fixtures::model().hash());
-        let short = PlannerConfig::obstacle_car_racing();
+        let short = PlannerConfig { horizon: 15, ..PlannerConfig::obstacle_car_racing() };
         let (sender, received) = channel();
         for command in [
             DreamerCommand::Reward(sparse.parameters()),

@@ -128,6 +128,7 @@ pub(super) fn load() -> LoadWorldModel {
             parameters: model().parameters().clone(),
             card: Vec::new(),
             starts: Vec::new(),
+            compact: None,
         })
     })
 }

@@ -363,6 +363,8 @@ pub struct LoadedWorld {
     pub card: Vec<(String, String)>,
     /// Where its dreams can begin.
     pub starts: Vec<DreamStart>,
+    /// A smaller one of the same world, for machines that do not keep this one's pace.
+    pub compact: Option<PathBuf>,
 }
 
 /// A session in a list.

@@ -51,6 +51,12 @@ impl BuiltIn {
     }
 }
 
+/// How hard the authors' candidates brake in a world of the paper, in `[0, 1]` (method §11.4). None in any other.
+pub fn authors_brake(name: &str) -> Option<f32> {
+    let brakes = [0.2, 0.05, 0.1];
+    NAMES.iter().position(|it| *it == name).map(|i| brakes[i])
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

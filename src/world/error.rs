@@ -70,21 +70,6 @@ pub enum SpecFault {
         /// Those that there are, in words.
         known: String,
     },
-    /// A justification weighs more than one that is more severe.
-    #[error(
-        "{key} is {found}, and must be {most} at the most, the weight of {above:?}, which stands before it and so is \
-         more severe"
-    )]
-    Order {
-        /// The key.
-        key: String,
-        /// Its value.
-        found: f32,
-        /// The weight of the one before it.
-        most: f32,
-        /// The one before it.
-        above: String,
-    },
     /// The probabilities of stages do not make a whole.
     #[error("planner.candidates.stages: the values of `follows` sum to {found}, and must sum to 1")]
     Follows {

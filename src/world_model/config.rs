@@ -266,7 +266,7 @@ mod tests {
                 "sha256:2bdf06f3c54699824265e9a3dedaa2df1f35ae06a046390c8f99fd7ec932e06a",
             ),
             (
-                "world-obstacle-car-racing",
+                "world-obstacle-car-racing-compact",
                 WorldModelConfig::obstacle_compact(),
                 "sha256:ad2f71d4db3b7e377cf245b13cd4bab5eb9cf708e7e36c2579e8a337c6211f50",
             ),

@@ -52,6 +52,13 @@ impl FusedRollout {
         })
     }
 
+    /// The same numbers under another name, for another thread.
+    pub(super) fn shared(&self) -> Self {
+        let [weight, bias] = [&self.weight, &self.bias].map(Tensor::shallow_clone);
+        let [head, head_bias] = [&self.head, &self.head_bias].map(Tensor::shallow_clone);
+        Self { weight, bias, head, head_bias, mixture: self.mixture, kind: self.kind }
+    }
+
     /// The latents and the memory that follow: [`MdnRnn::remember`], then the mean at `temperature` of the mixture.
     ///
     /// # Shapes

@@ -100,6 +100,11 @@ impl Linear {
         Self { weight: self.weight.detach().copy(), bias: self.bias.detach().copy() }
     }
 
+    /// The same numbers under another name, for another thread.
+    pub(super) fn shared(&self) -> Self {
+        Self { weight: self.weight.shallow_clone(), bias: self.bias.shallow_clone() }
+    }
+
     pub(super) fn forward(&self, x: &Tensor) -> Tensor {
         x.linear(&self.weight, Some(&self.bias))
     }
@@ -159,6 +164,12 @@ impl Conv {
     pub(super) fn for_inference(&self, kind: Kind) -> Self {
         let weight = self.weight.detach().to_kind(kind).copy();
         let bias = self.bias.detach().to_kind(kind).copy();
+        Self { layer: self.layer, is_matrix: self.is_matrix, weight, bias }
+    }
+
+    /// The same numbers under another name, for another thread.
+    pub(super) fn shared(&self) -> Self {
+        let (weight, bias) = (self.weight.shallow_clone(), self.bias.shallow_clone());
         Self { layer: self.layer, is_matrix: self.is_matrix, weight, bias }
     }
 
@@ -223,6 +234,12 @@ impl Deconv {
     pub(super) fn for_inference(&self, kind: Kind) -> Self {
         let weight = self.weight.detach().to_kind(kind).copy();
         let bias = self.bias.detach().to_kind(kind).copy();
+        Self { layer: self.layer, more: self.more, is_matrix: self.is_matrix, weight, bias }
+    }
+
+    /// The same numbers under another name, for another thread.
+    pub(super) fn shared(&self) -> Self {
+        let (weight, bias) = (self.weight.shallow_clone(), self.bias.shallow_clone());
         Self { layer: self.layer, more: self.more, is_matrix: self.is_matrix, weight, bias }
     }
 

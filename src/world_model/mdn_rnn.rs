@@ -200,6 +200,16 @@ impl MdnRnn {
         Self { config, lstm, head, head_bias }
     }
 
+    /// The same numbers under another name, for another thread.
+    pub(super) fn shared(&self) -> Self {
+        Self {
+            config: self.config.clone(),
+            lstm: self.lstm.each_ref().map(Tensor::shallow_clone),
+            head: self.head.shallow_clone(),
+            head_bias: self.head_bias.shallow_clone(),
+        }
+    }
+
     /// The shape of this network.
     pub fn config(&self) -> &MdnRnnConfig {
         &self.config

@@ -8,6 +8,7 @@ mod fused_rollout;
 mod identity;
 mod layers;
 pub mod mdn_rnn;
+mod networks;
 mod shapes;
 mod starts;
 pub mod vae;
@@ -31,7 +32,8 @@ use fused_rollout::FusedRollout;
 pub use identity::ModelIdentity;
 pub use layers::Layer;
 pub use mdn_rnn::{MdnRnn, MdnRnnConfig, Memory, Mixture, Noise};
-pub use vae::{Vae, VaeConfig};
+use networks::{Kept, Networks};
+pub use vae::{Decoder, Encoder, Vae, VaeConfig};
 
 /// A batch of states: latents, and the memory *before* taking in these latents and the action to come.
 #[derive(Debug)]
@@ -138,13 +140,8 @@ pub struct WorldModel {
     spec: Arc<WorldSpec>,
     ranges: ActionRanges,
     parameters: Parameters,
-    /// Full precision: latents decide.
-    encoder: Vae,
-    /// Whatever is quickest here: pictures are only looked at.
-    decoder: Vae,
-    mdn_rnn: MdnRnn,
-    /// The same memory, rearranged.
-    fused_rollout: FusedRollout,
+    networks: Networks,
+    _kept: Kept,
     starts: Vec<LatentState>,
     held_out: Option<Vec<usize>>,
     identity: ModelIdentity,
@@ -187,32 +184,26 @@ impl WorldModel {
         parameters.require("mdn_rnn", &of_mdn_rnn, layout)?;
         let starts = starts::unpack(&parameters, &config.mdn_rnn)?;
         let held_out = held_out(&parameters)?;
-        // The draw is overwritten at once.
-        let rng = &mut ChaCha8Rng::seed_from_u64(0);
-        let (vision, memory) = (nn::VarStore::new(Device::Cpu), nn::VarStore::new(Device::Cpu));
-        let vae = Vae::new(&vision.root(), config.vae.clone(), Kind::Float, rng);
-        let mdn_rnn = MdnRnn::new(&memory.root(), config.mdn_rnn.clone(), rng);
-        parameters.fill("vae", &of_vae, layout, &vision)?;
-        parameters.fill("mdn_rnn", &of_mdn_rnn, layout, &memory)?;
-        let (mut memory, encoder, decoder) =
-            (memory, vae.for_inference(Kind::Float), vae.for_inference(fast_kind()));
-        memory.freeze();
-        let fused_rollout = FusedRollout::of(&mdn_rnn);
+        let make = || {
+            // The draw is overwritten at once.
+            let rng = &mut ChaCha8Rng::seed_from_u64(0);
+            let (vision, mut memory) = (nn::VarStore::new(Device::Cpu), nn::VarStore::new(Device::Cpu));
+            let vae = Vae::new(&vision.root(), config.vae.clone(), Kind::Float, rng);
+            let mdn_rnn = MdnRnn::new(&memory.root(), config.mdn_rnn.clone(), rng);
+            parameters.fill("vae", &of_vae, layout, &vision)?;
+            parameters.fill("mdn_rnn", &of_mdn_rnn, layout, &memory)?;
+            memory.freeze();
+            Ok::<_, WorldModelError>(Networks {
+                encoder: vae.encoder.for_inference(Kind::Float),
+                decoder: vae.decoder.for_inference(fast_kind()),
+                fused_rollout: FusedRollout::of(&mdn_rnn),
+                mdn_rnn,
+            })
+        };
+        let (networks, kept) = Networks::of(&parameters.hash(), make)?;
         let spec = config.spec();
         let ranges = ActionRanges::of(&spec.axes);
-        Ok(Self {
-            config,
-            spec,
-            ranges,
-            parameters,
-            encoder,
-            decoder,
-            mdn_rnn,
-            fused_rollout,
-            starts,
-            held_out,
-            identity,
-        })
+        Ok(Self { config, spec, ranges, parameters, networks, _kept: kept, starts, held_out, identity })
     }
 
     /// The state, a batch of one, whose features `[z | c | h]` are these.
@@ -283,7 +274,7 @@ impl WorldModel {
     /// # Shapes
     /// - returns `[B, Z]`
     pub fn observe(&self, frames: &[Frame]) -> Tensor {
-        tch::no_grad(|| self.encoder.encode(&from_frames(frames)).0)
+        tch::no_grad(|| self.networks.encoder.encode(&from_frames(frames)).0)
     }
 
     /// An empty memory for a batch of `b`.
@@ -296,7 +287,7 @@ impl WorldModel {
     /// # Shapes
     /// - `actions`: `[B, A]`, as driven
     pub fn remember(&self, state: &State, actions: &Tensor) -> Memory {
-        tch::no_grad(|| self.mdn_rnn.remember(&state.z, actions, &state.memory))
+        tch::no_grad(|| self.networks.mdn_rnn.remember(&state.z, actions, &state.memory))
     }
 
     /// The state that follows `state` under `actions`.
@@ -307,11 +298,11 @@ impl WorldModel {
         tch::no_grad(|| {
             let (z, memory) = match next {
                 Next::Sample { temperature, noise } => {
-                    let memory = self.mdn_rnn.remember(&state.z, actions, &state.memory);
-                    (self.mdn_rnn.mixture(&memory.h).sample(temperature, noise), memory)
+                    let memory = self.networks.mdn_rnn.remember(&state.z, actions, &state.memory);
+                    (self.networks.mdn_rnn.mixture(&memory.h).sample(temperature, noise), memory)
                 }
                 Next::Mean { temperature } => {
-                    self.fused_rollout.imagine(&state.z, actions, &state.memory, temperature)
+                    self.networks.fused_rollout.imagine(&state.z, actions, &state.memory, temperature)
                 }
             };
             State { z, memory }
@@ -323,13 +314,13 @@ impl WorldModel {
     /// # Shapes
     /// - `actions`: `[B, A]`, as driven
     pub fn imagine_for_gradients(&self, state: &State, actions: &Tensor, temperature: f64) -> State {
-        let memory = self.mdn_rnn.remember(&state.z, actions, &state.memory);
-        State { z: self.mdn_rnn.mixture(&memory.h).mean(temperature), memory }
+        let memory = self.networks.mdn_rnn.remember(&state.z, actions, &state.memory);
+        State { z: self.networks.mdn_rnn.mixture(&memory.h).mean(temperature), memory }
     }
 
     /// What the model expects after `memory`, for measuring surprise and uncertainty.
     pub fn expect(&self, memory: &Memory) -> Mixture {
-        tch::no_grad(|| self.mdn_rnn.mixture(&memory.h))
+        tch::no_grad(|| self.networks.mdn_rnn.mixture(&memory.h))
     }
 
     /// The pictures of latents.
@@ -337,7 +328,7 @@ impl WorldModel {
     /// # Shapes
     /// - `z`: `[B, Z]`
     pub fn decode(&self, z: &Tensor) -> Vec<Frame> {
-        tch::no_grad(|| to_frames(&self.decoder.decode(z)))
+        tch::no_grad(|| to_frames(&self.networks.decoder.decode(z)))
     }
 }
 

@@ -299,57 +299,46 @@ fn layers(all: &[(i64, i64, i64)], padding: i64) -> Vec<Layer> {
     all.iter().map(|&(channels, kernel, stride)| Layer { channels, kernel, stride, padding }).collect()
 }
 
-/// A trained or trainable autoencoder.
+/// From pictures to latents: the first half of a [`Vae`].
 #[derive(Debug)]
-pub struct Vae {
-    config: VaeConfig,
+pub struct Encoder {
     /// The arithmetic of the convolutions. The rest is `f32`.
     kind: Kind,
-    encoder: Vec<Conv>,
+    layers: Vec<Conv>,
     mean: Linear,
     log_var: Linear,
-    decoder_in: Linear,
-    decoder: Vec<Deconv>,
 }
 
-impl Vae {
-    /// A fresh network under `path`, drawn by `rng` as PyTorch draws it (method §3.5), computing in `kind`.
-    pub fn new(path: &nn::Path<'_>, config: VaeConfig, kind: Kind, rng: &mut impl Rng) -> Self {
-        let latent = config.latent;
-        let mut channels = 3;
-        let mut encoder = Vec::new();
-        for (i, layer) in config.encoder.iter().enumerate() {
-            encoder.push(Conv::new(&(path / format!("conv{}", i + 1)), channels, *layer, rng));
-            channels = layer.channels;
-        }
-        let n_features = config.n_features();
-        let mean = Linear::new(&(path / "fc_mu"), n_features, latent, rng);
-        let log_var = Linear::new(&(path / "fc_logvar"), n_features, latent, rng);
-        let decoder_in = Linear::new(&(path / "dec_fc"), latent, n_features, rng);
-        let mut decoder = Vec::new();
-        for ((i, layer), more) in config.decoder.iter().enumerate().zip(config.output_padding()) {
-            decoder.push(Deconv::new(&(path / format!("deconv{}", i + 1)), channels, (*layer, more), rng));
-            channels = layer.channels;
-        }
-        Self { config, kind, encoder, mean, log_var, decoder_in, decoder }
-    }
+/// From latents to pictures: the second half of a [`Vae`].
+#[derive(Debug)]
+pub struct Decoder {
+    /// The arithmetic of the convolutions. The rest is `f32`.
+    kind: Kind,
+    /// Height and width of what the first convolution is given.
+    bottom: [i64; 2],
+    first: Linear,
+    layers: Vec<Deconv>,
+}
 
+impl Encoder {
     /// A copy for use alone, its weights already in `kind`. It cannot be trained.
     pub fn for_inference(&self, kind: Kind) -> Self {
         Self {
-            config: self.config.clone(),
             kind,
-            encoder: self.encoder.iter().map(|layer| layer.for_inference(kind)).collect(),
+            layers: self.layers.iter().map(|layer| layer.for_inference(kind)).collect(),
             mean: self.mean.for_inference(),
             log_var: self.log_var.for_inference(),
-            decoder_in: self.decoder_in.for_inference(),
-            decoder: self.decoder.iter().map(|layer| layer.for_inference(kind)).collect(),
         }
     }
 
-    /// The shape of this network.
-    pub fn config(&self) -> &VaeConfig {
-        &self.config
+    /// The same numbers under another name, for another thread.
+    pub(super) fn shared(&self) -> Self {
+        Self {
+            kind: self.kind,
+            layers: self.layers.iter().map(Conv::shared).collect(),
+            mean: self.mean.shared(),
+            log_var: self.log_var.shared(),
+        }
     }
 
     /// Mean and logarithm of the variance of the latents of each picture.
@@ -360,12 +349,34 @@ impl Vae {
     pub fn encode(&self, pixels: &Tensor) -> (Tensor, Tensor) {
         let [b, ..] = dims::<4>(pixels);
         let mut x = pixels.to_kind(self.kind);
-        for layer in &self.encoder {
+        for layer in &self.layers {
             x = layer.forward(&x, self.kind).relu();
         }
         // DIFFERENCE: features are flattened with the channels last. The same network with its rows in another order.
         let x = x.to_kind(Kind::Float).reshape([b, -1]);
         (self.mean.forward(&x), self.log_var.forward(&x))
+    }
+}
+
+impl Decoder {
+    /// A copy for use alone, its weights already in `kind`. It cannot be trained.
+    pub fn for_inference(&self, kind: Kind) -> Self {
+        Self {
+            kind,
+            bottom: self.bottom,
+            first: self.first.for_inference(),
+            layers: self.layers.iter().map(|layer| layer.for_inference(kind)).collect(),
+        }
+    }
+
+    /// The same numbers under another name, for another thread.
+    pub(super) fn shared(&self) -> Self {
+        Self {
+            kind: self.kind,
+            bottom: self.bottom,
+            first: self.first.shared(),
+            layers: self.layers.iter().map(Deconv::shared).collect(),
+        }
     }
 
     /// The pictures of latents.
@@ -375,15 +386,65 @@ impl Vae {
     /// - returns `[B, H, W, 3]` in `(0, 1)`
     pub fn decode(&self, z: &Tensor) -> Tensor {
         let [b, _] = dims(z);
-        let [height, width] = self.config.bottom();
-        let mut x = self.decoder_in.forward(z).view([b, height, width, -1]).to_kind(self.kind);
-        for (i, layer) in self.decoder.iter().enumerate() {
+        let [height, width] = self.bottom;
+        let mut x = self.first.forward(z).view([b, height, width, -1]).to_kind(self.kind);
+        for (i, layer) in self.layers.iter().enumerate() {
             if i > 0 {
                 x = x.relu();
             }
             x = layer.forward(&x, self.kind);
         }
         x.to_kind(Kind::Float).sigmoid()
+    }
+}
+
+/// A trained or trainable autoencoder.
+#[derive(Debug)]
+pub struct Vae {
+    config: VaeConfig,
+    /// Its first half.
+    pub encoder: Encoder,
+    /// Its second half.
+    pub decoder: Decoder,
+}
+
+impl Vae {
+    /// A fresh network under `path`, drawn by `rng` as PyTorch draws it (method §3.5), computing in `kind`.
+    pub fn new(path: &nn::Path<'_>, config: VaeConfig, kind: Kind, rng: &mut impl Rng) -> Self {
+        let latent = config.latent;
+        let mut channels = 3;
+        let mut layers = Vec::new();
+        for (i, layer) in config.encoder.iter().enumerate() {
+            layers.push(Conv::new(&(path / format!("conv{}", i + 1)), channels, *layer, rng));
+            channels = layer.channels;
+        }
+        let n_features = config.n_features();
+        let mean = Linear::new(&(path / "fc_mu"), n_features, latent, rng);
+        let log_var = Linear::new(&(path / "fc_logvar"), n_features, latent, rng);
+        let encoder = Encoder { kind, layers, mean, log_var };
+        let first = Linear::new(&(path / "dec_fc"), latent, n_features, rng);
+        let mut layers = Vec::new();
+        for ((i, layer), more) in config.decoder.iter().enumerate().zip(config.output_padding()) {
+            layers.push(Deconv::new(&(path / format!("deconv{}", i + 1)), channels, (*layer, more), rng));
+            channels = layer.channels;
+        }
+        let decoder = Decoder { kind, bottom: config.bottom(), first, layers };
+        Self { config, encoder, decoder }
+    }
+
+    /// The shape of this network.
+    pub fn config(&self) -> &VaeConfig {
+        &self.config
+    }
+
+    /// As [`Encoder::encode`].
+    pub fn encode(&self, pixels: &Tensor) -> (Tensor, Tensor) {
+        self.encoder.encode(pixels)
+    }
+
+    /// As [`Decoder::decode`].
+    pub fn decode(&self, z: &Tensor) -> Tensor {
+        self.decoder.decode(z)
     }
 
     /// The two parts of the loss, each averaged over the batch (method §3.3).
@@ -488,7 +549,7 @@ mod tests {
     fn the_divergence_is_never_below_its_free_bits() {
         let store = nn::VarStore::new(Device::Cpu);
         let mut vae = Vae::new(&store.root(), VaeConfig::car_racing(), Kind::Float, &mut rng());
-        for layer in [&mut vae.mean, &mut vae.log_var] {
+        for layer in [&mut vae.encoder.mean, &mut vae.encoder.log_var] {
             for parameter in [&mut layer.weight, &mut layer.bias] {
                 let _ = tch::no_grad(|| parameter.zero_());
             }
@@ -588,7 +649,7 @@ mod tests {
             let (mean, log_var) = vae.encode(&pixels);
             assert_eq!([mean.size(), log_var.size()], [[2, 3]; 2]);
             assert_eq!(vae.decode(&mean).size(), shape);
-            let quick = vae.for_inference(crate::tensor::fast_kind()).decode(&mean);
+            let quick = vae.decoder.for_inference(crate::tensor::fast_kind()).decode(&mean);
             assert!((quick - vae.decode(&mean)).abs().max().double_value(&[]) < 0.02, "{sides:?}");
             let config = VaeConfig { emphasis: 2.0, ..config };
             let vae = Vae { config, ..vae };
@@ -643,6 +704,6 @@ mod tests {
         let store = nn::VarStore::new(Device::Cpu);
         let vae = Vae::new(&store.root(), VaeConfig::tiny(), Kind::Float, &mut rng());
         let z = normal(&mut rng(), &[3, 4]);
-        assert_eq!(to_vec(&vae.decode(&z)), to_vec(&vae.for_inference(Kind::Float).decode(&z)));
+        assert_eq!(to_vec(&vae.decode(&z)), to_vec(&vae.decoder.for_inference(Kind::Float).decode(&z)));
     }
 }

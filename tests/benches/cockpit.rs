@@ -220,7 +220,7 @@ fn load(path: &Path) -> LoadedWorld {
     });
     let starts = starts.collect();
     let (name, parameters) = ("the shipped one".to_owned(), model.parameters().clone());
-    LoadedWorld { name, path: None, parameters, card: Vec::new(), starts }
+    LoadedWorld { name, path: None, parameters, card: Vec::new(), starts, compact: None }
 }
 
 fn model(path: &Path) -> WorldModel {

@@ -98,6 +98,7 @@ fn window(model: &WorldModel, store: SessionStore, dir: &Path) -> Harness<'stati
             parameters: model.parameters().clone(),
             card: Vec::new(),
             starts: Vec::new(),
+            compact: None,
         }))),
         session: Some(store),
         seed: 1,

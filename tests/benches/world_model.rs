@@ -145,7 +145,8 @@ fn obstacle_plan_15_times_15(bencher: Bencher<'_, '_>, on: (&str, i32)) {
     let ((model, state), mut rng) = (obstacles(on), rng());
     let n_features = model.config().n_features();
     let reward = RewardEnsemble::new((n_features, "sha256:0"), RewardConfig::car_racing(), &mut rng);
-    let (reward, config) = (reward.for_inference(), PlannerConfig::obstacle_car_racing());
+    let (reward, config) =
+        (reward.for_inference(), PlannerConfig { horizon: 15, ..PlannerConfig::obstacle_car_racing() });
     bencher.bench_local(|| {
         plan(&model, &reward, &state, &config, None, &mut rng).expect("numbers stay numbers").chosen
     });

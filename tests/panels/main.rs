@@ -183,6 +183,7 @@ fn toy(seed: u64) -> LoadedWorld {
         parameters: model.parameters().clone(),
         card: vec![("Learned from".to_owned(), "nothing".to_owned())],
         starts: (1..4).map(start).collect(),
+        compact: Some("compact.safetensors".into()),
     }
 }
 
@@ -512,7 +513,7 @@ fn a_preference_rests_on_the_justification_that_was_named() {
     press(&mut harness, Key::ArrowLeft);
     let all = harness.state().app().open().unwrap().session().weights().justifications.clone();
     let grass = all.named("grass").unwrap();
-    let expected = [grass, all.default()].map(|why| Response::Justified(why, Preference::Left));
+    let expected = [grass, all.default()].map(|why| Response::Justified(why.into(), Preference::Left));
     assert_eq!(responses(&harness), expected, "and the default counts where none was named");
 }
 
@@ -628,6 +629,34 @@ fn a_dream_shorter_than_a_segment_is_not_kept_and_says_why() {
     harness.run_steps(2);
     assert_eq!(harness.state().app().open().unwrap().session().dreams().len(), 0);
     harness.get_by_label_contains("a segment needs 20");
+}
+
+#[test]
+fn a_machine_that_does_not_keep_the_pace_is_offered_the_compact_world_model() {
+    for (n_late, is_offered) in [(6, false), (40, true)] {
+        let dir = tempfile::tempdir().unwrap();
+        let (mut harness, backstage) = dreaming(dir.path());
+        press(&mut harness, Key::R);
+        let seed = backstage.orders().into_iter().find_map(|order| match order {
+            WorkerCommand::Dreamer(DreamerCommand::Start { seed, .. }) => Some(seed),
+            _ => None,
+        });
+        backstage.slots.dream.put(LiveView { n_late, ..view(120) });
+        harness.run_steps(1);
+        let episode = DreamEpisode { seed: seed.unwrap(), ..dream(120) };
+        backstage.report(Report::Dream(DreamReport::Ended { episode, journal: None }));
+        harness.run_steps(2);
+        assert_eq!(saving::says(&harness, "came late"), is_offered, "{n_late} of 120");
+        if is_offered {
+            harness.get_by_label("Use the compact one").click();
+            harness.run_steps(2);
+            let orders = backstage.orders();
+            let loads = orders.iter().any(|order| {
+                matches!(order, WorkerCommand::Jobs(dropj::worker::JobCommand::LoadWorldModel(path)) if path.ends_with("compact.safetensors"))
+            });
+            assert!(loads, "{orders:?}");
+        }
+    }
 }
 
 #[test]

@@ -98,9 +98,9 @@ fn pairs_are_balanced_where_somebody_wants_that() {
         }
         assert_eq!(answers(&harness).len(), 8);
         assert!(choices(&harness).iter().all(|choice| *choice == wanted), "{:?}", choices(&harness));
-        let known = harness.state().app().open().unwrap().session().known_safety();
+        let known = harness.state().app().open().unwrap().session().known_clips();
         let first = harness.state().app().open().unwrap().session().queries()[0].query.left;
-        assert_eq!(known.guess(first), Some(false), "what was called unsafe is known to be");
+        assert_eq!(known.is_safe(first), Some(false), "what was called unsafe is known to be");
     }
 }
 

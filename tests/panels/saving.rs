@@ -16,7 +16,7 @@ fn replace_log(harness: &Harness<'_, Window>) {
     fs::rename(&copy, &log).unwrap();
 }
 
-fn says(harness: &Harness<'_, Window>, text: &str) -> bool {
+pub(crate) fn says(harness: &Harness<'_, Window>, text: &str) -> bool {
     harness.query_all_by_label_contains(text).next().is_some()
 }
 

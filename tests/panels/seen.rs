@@ -279,7 +279,7 @@ fn a_justification_counts_for_the_answer_that_was_struck_after_it() {
     picture(&mut harness, 0.04, &[]);
     let all = harness.state().app().open().unwrap().session().weights().justifications.clone();
     let grass = all.named("grass").unwrap();
-    assert_eq!(responses(&harness), [Response::Justified(grass, Preference::Left)]);
+    assert_eq!(responses(&harness), [Response::Justified(grass.into(), Preference::Left)]);
 }
 
 #[test]

@@ -203,8 +203,15 @@ fn three_reasons_have_a_key_each() {
     harness.get_by_label("spill");
     press(&mut harness, Key::Num3);
     press(&mut harness, Key::ArrowRight);
-    let why = dropj::query::Weights::of(&one(PROCESS)).justifications.named("drop").unwrap();
-    assert_eq!(responses(&harness), [Response::Justified(why, Preference::Right)]);
+    // Several can be active, and a second press makes one inactive again.
+    for key in [Key::Num1, Key::Num2, Key::Num3, Key::Num2, Key::ArrowLeft] {
+        press(&mut harness, key);
+    }
+    let all = dropj::query::Weights::of(&one(PROCESS)).justifications;
+    let [first, drop] = [all.iter().next().unwrap().0, all.named("drop").unwrap()];
+    let both = dropj::query::Active::of(drop).with(first);
+    let expected = [(drop.into(), Preference::Right), (both, Preference::Left)];
+    assert_eq!(responses(&harness), expected.map(|(active, side)| Response::Justified(active, side)));
 }
 
 #[test]

@@ -66,6 +66,7 @@ class Sessions(unittest.TestCase):
             {"justified": [0, "right"]},
             {"justified": [1, "left"]},
             {"justified": [2, "right"]},
+            {"justified": [[1, 0], "left"]},
             {"skipped": None},
             {"skipped": "ambiguous"},
         ]
@@ -74,17 +75,20 @@ class Sessions(unittest.TestCase):
             self.answered(number, response)
         session = self.session()
         mus = [mu for _, mu in session.labels()]
-        np.testing.assert_allclose(mus, [1, 0, 0.5, 0.75, 0.25, 0.5, 1, 0.5, 0, 0.9, 0.4], atol=1e-6)
+        np.testing.assert_allclose(mus, [1, 0, 0.5, 0.75, 0.25, 0.5, 1, 0.5, 0, 0.9, 0.4, 1], atol=1e-6)
         weights = session.weights_with(0.9, 0.8, {"grass": 0.95, "ice": 0.7, "default": 1.0})
         mus = [mu for _, mu in session.labels(weights)]
-        np.testing.assert_allclose(mus, [0.9, 0.1, 0.5, 0.8, 0.2, 0.5, 1, 0.5, 0.05, 0.7, 0], atol=1e-6)
+        np.testing.assert_allclose(mus, [0.9, 0.1, 0.5, 0.8, 0.2, 0.5, 1, 0.5, 0.05, 0.7, 0, 0.95], atol=1e-6)
         self.assertEqual(session.weights, WEIGHTS, "nothing is changed by asking")
         self.assertEqual(session.justification(session.answers[9]), "ice")
+        self.assertEqual(session.justification(session.answers[11]), "grass", "the most severe is named")
+        self.assertEqual(session.active(session.answers[11]), ["grass", "ice"])
+        self.assertIsNone(session.active(session.answers[0]))
         for wrong in [
             {"safety": 0.5},
             {"default": 1.1},
             {"justifications": {"grass": 1}},
-            {"justifications": {"grass": 0.7, "ice": 0.9, "default": 1}},
+            {"justifications": {"grass": 0.7, "ice": 0.4, "default": 1}},
         ]:
             with self.assertRaises(ValueError, msg=wrong):
                 session.weights_with(**wrong)

@@ -276,9 +276,6 @@ class Session:
             if sorted(justifications) != sorted(names):
                 raise ValueError(f"the answers of this session name {names}: give each its weight")
             named = [[name, _weight(name, justifications[name])] for name in names]
-            for (above, most), (name, weight) in zip(named[:-2], named[1:-1]):
-                if weight > most:
-                    raise ValueError(f"{name!r} is less severe than {above!r}, and so cannot weigh more")
             weights["justifications"] = named
         return weights
 
@@ -310,18 +307,23 @@ class Session:
                 return _weighted(weights["default"], said["both"])
             return _weighted(weights["safety"], {"only_left": "left", "only_right": "right", "neither": "equal"}[said])
         if kind == "justified":
-            place, preference = said
+            places, preference = said
             listed = weights["justifications"]
-            return _weighted(listed[min(place, len(listed) - 1)][1], preference)
+            return _weighted(listed[min(_named(places), len(listed) - 1)][1], preference)
         raise ValueError(f"there is no response {kind!r}")
 
     def justification(self, answer):
-        """The name of the justification of an answer that has one."""
+        """The name of the justification of an answer that has one: the most severe of those that are active."""
+        active = self.active(answer)
+        return None if active is None else (active or [""])[0]
+
+    def active(self, answer):
+        """The names of all justifications that are active in an answer that has some, the most severe first."""
         kind, said = _only(answer.response)
         if kind != "justified":
             return None
-        listed = self.weights["justifications"]
-        return listed[said[0]][0] if said[0] < len(listed) else ""
+        places = {said[0]} if isinstance(said[0], int) else set(said[0])
+        return [name for place, (name, _) in enumerate(self.weights["justifications"]) if place in places]
 
     def verdicts(self):
         """The transitions that a verdict was given on, in the order of answering: a list of Judged."""
@@ -377,6 +379,7 @@ class Session:
             "at": answer.at,
             "step": query.transition.step if query.transition else None,
             "verdict": said if kind == "judged" else None,
+            "active": None if self.active(answer) is None else "|".join(self.active(answer)),
         }
 
     # What was shown, as numbers.
@@ -516,6 +519,11 @@ def _inside(folder, file):
     if parts.is_absolute() or ".." in parts.parts:
         raise ValueError(f"{file!r} does not lie in the session's folder: {folder}")
     return Path(folder) / parts
+
+
+def _named(places):
+    """The place of the justification that is named: the first of those that are active."""
+    return places if isinstance(places, int) else min(places)
 
 
 def _next(number, numbered):

@@ -75,7 +75,12 @@ pub(crate) struct Dreaming {
     pub action: Action,
     /// Why it was paused, where nobody asked for that.
     pub why_paused: Option<&'static str>,
+    /// Whether a smaller world model was offered already.
+    pub is_compact_offered: bool,
 }
+
+/// Steps after which it is clear whether a machine keeps the pace, and which share of them may be late.
+const PACE: (usize, f64) = (100, 0.05);
 
 impl App {
     pub(super) fn dream_command(&mut self, command: DreamCommand) {
@@ -211,6 +216,7 @@ impl App {
         // One that was kept and followed by another at once arrives after that has begun.
         if episode.seed == self.state.dream.seed {
             (self.state.dream.is_on, self.state.dream.is_ending) = (false, false);
+            self.offer_compact(episode.len());
         }
         if !episode.is_usable() {
             let n = episode.len();
@@ -221,6 +227,22 @@ impl App {
             return;
         }
         self.save_dream(episode, DreamSource::User, None, journal);
+    }
+
+    /// Offers a smaller world model, where there is one, once a dream of `n_steps` came too late to drive well in it.
+    fn offer_compact(&mut self, n_steps: usize) {
+        let n_late = self.state.dream.live.as_ref().map_or(0, |live| live.n_late);
+        let (enough, share) = PACE;
+        let is_slow = n_steps >= enough && n_late as f64 > share * n_steps as f64;
+        let compact = self.state.world.loaded.as_ref().and_then(|world| world.compact.clone());
+        let Some(path) = compact.filter(|_| is_slow && !self.state.dream.is_compact_offered) else { return };
+        self.state.dream.is_compact_offered = true;
+        let text = format!(
+            "{n_late} of {n_steps} steps came late: this machine is slow for this world model. A compact one is quicker and sees \
+             less; a session of its own begins with it"
+        );
+        let load = Command::WorldModel(super::WorldModelCommand::Load(path));
+        self.offer(text, vec![("Use the compact one".to_owned(), load)]);
     }
 
     pub(super) fn save_dream(

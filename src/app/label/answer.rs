@@ -5,7 +5,8 @@ use crate::app::label::query_selection::is_held_back;
 use crate::app::label::seen::Shown;
 use crate::app::{App, Panel, Tick};
 use crate::query::{
-    JudgedTransition, Preference, Protocol, Query, QueryId, Response, SafetyAnswer, SegmentRef, SkipReason,
+    JudgedTransition, Justification, Preference, Protocol, Query, QueryId, Response, SafetyAnswer,
+    SegmentRef, SkipReason,
 };
 use crate::session::{Answer, Choice, Event, Session};
 use crate::worker::{ClipperCommand, TrainerCommand, WorkerCommand};
@@ -113,7 +114,7 @@ impl App {
     pub(in crate::app) fn next_query(&mut self, revisited: Option<QueryId>) {
         let label = &mut self.state.label;
         label.revisited = revisited;
-        label.justification = None;
+        label.active = None;
         label.guided.clear();
         label.shown = None;
         self.ask();
@@ -157,6 +158,13 @@ impl App {
         };
         let label = &mut self.state.label;
         (label.skipped, label.said) = (None, Some(format!("skipped: {why}")));
+    }
+
+    /// Makes a justification active, or no longer.
+    pub(super) fn justify(&mut self, justification: Justification) {
+        let default = self.state.weights().justifications.default();
+        let label = &mut self.state.label;
+        label.active = Some(label.active.unwrap_or(default.into()).toggled(justification, default));
     }
 
     pub(super) fn undo(&mut self) {

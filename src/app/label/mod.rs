@@ -29,7 +29,7 @@ use query_selection::{Disagreements, is_held_back};
 use crate::app::{App, Picture, State};
 use crate::dream::Screen;
 use crate::query::{
-    DreamId, Justification, Protocol, Query, QueryId, Response, SEGMENT_LEN, SegmentRef, SkipReason,
+    Active, DreamId, Justification, Protocol, Query, QueryId, Response, SEGMENT_LEN, SegmentRef, SkipReason,
     Transition,
 };
 use crate::session::{Annotators, Choice, Session};
@@ -65,7 +65,7 @@ pub enum LabelCommand {
     Synthesize(bool),
     /// Chooses how queries are selected.
     SelectQueries(QuerySelection),
-    /// Names the justification that the next preference rests on.
+    /// Makes a justification active for the next preference, or no longer; the default makes all others inactive.
     Justify(Justification),
     /// Says why the last query was skipped.
     ExplainSkip(SkipReason),
@@ -135,8 +135,8 @@ pub(crate) struct Labeling {
     pub is_list_open: bool,
     /// What was said to the guided questions so far: whether left is safe, then right.
     pub guided: Vec<bool>,
-    /// The justification that the next preference rests on.
-    pub justification: Option<Justification>,
+    /// The justifications that the next preference rests on, where another than the default does.
+    pub active: Option<Active>,
     /// The answer given last, in words.
     pub said: Option<String>,
     /// The query that was skipped just now, which can still be given a reason.
@@ -188,7 +188,7 @@ impl Default for Labeling {
             ask_again_at: 0.0,
             is_list_open: false,
             guided: Vec::new(),
-            justification: None,
+            active: None,
             said: None,
             skipped: None,
             budget: Budget::default(),
@@ -294,7 +294,7 @@ impl App {
             LabelCommand::ToggleAnswers => label.is_list_open = !label.is_list_open,
             LabelCommand::Synthesize(is_wanted) => self.synthesize(is_wanted),
             LabelCommand::SelectQueries(selection) => label.selection = selection.clamped(),
-            LabelCommand::Justify(justification) => label.justification = Some(justification),
+            LabelCommand::Justify(justification) => self.justify(justification),
             LabelCommand::ExplainSkip(reason) => self.explain_skip(reason),
             LabelCommand::Undo => self.undo(),
             LabelCommand::Redo => self.redo(),

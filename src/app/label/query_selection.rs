@@ -98,13 +98,13 @@ impl App {
             }
         }
         let screened = |rng: &mut ChaCha8Rng, draw: &Draw<'_>| screened(&self.state, rng, draw);
-        let (known, marks) = (session.known_safety(), session.marks());
+        let (known, marks) = (session.known_clips(), session.marks());
         let pool = Pool { dreams: &dreams, known: &known, marks: &marks };
         let any: &Draw<'_> = &|rng| pool.draw(Strategy::Uniform, rng);
         let by_chance = (screened(&mut rng, any)?, Choice::Uniform);
         match strategy {
             Strategy::Uniform => Some(by_chance),
-            Strategy::Balanced | Strategy::SafetyBoundary => {
+            Strategy::Balanced | Strategy::LeastAnswered | Strategy::SafetyBoundary => {
                 let drawn = screened(&mut rng, &|rng| pool.draw(strategy, rng));
                 Some(drawn.map_or(by_chance, |pair| (pair, strategy.into())))
             }

@@ -82,8 +82,8 @@ fn label_command(state: &View<'_>, button: PadButton) -> Option<Command> {
             Preference::Right => Verdict::Good,
         }),
         Protocol::DropjMulti => {
-            let justification = state.label.justification.unwrap_or(state.weights().justifications.default());
-            Response::Justified(justification, preference?)
+            let default = state.weights().justifications.default();
+            Response::Justified(state.label.active.unwrap_or(default.into()), preference?)
         }
         _ => Response::Preferred(preference?),
     };

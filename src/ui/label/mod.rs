@@ -14,7 +14,7 @@ use crate::app::label::NORMAL_SPEED;
 use crate::app::label::PREFERENCES;
 use crate::app::{Command, LabelCommand, Panel, SessionCommand, WindowCommand};
 use crate::query::{
-    Justification, Preference, Protocol, QueryId, Response, SEGMENT_LEN, SafetyAnswer, SkipReason, Verdict,
+    Active, Preference, Protocol, QueryId, Response, SEGMENT_LEN, SafetyAnswer, SkipReason, Verdict,
 };
 use crate::ui::View;
 use crate::ui::command::Commands;
@@ -306,8 +306,8 @@ fn answers_ui(ui: &mut Ui, state: &View<'_>, is_ready: bool, commands: &mut Comm
             row(ui, &verdicts.collect::<Vec<_>>(), is_ready, commands);
         }
         Protocol::DropjMulti => {
-            let chosen = justifications_ui(ui, state, commands);
-            let response = |preference| Response::Justified(chosen, preference);
+            let active = justifications_ui(ui, state, commands);
+            let response = |preference| Response::Justified(active, preference);
             row(ui, &preferences(plain, &response), is_ready, commands);
         }
     }
@@ -340,10 +340,10 @@ fn row(ui: &mut Ui, choices: &[(&str, Key, Command)], is_ready: bool, commands: 
     });
 }
 
-/// The justifications in order of severity, and which one counts.
-fn justifications_ui(ui: &mut Ui, state: &View<'_>, commands: &mut Commands) -> Justification {
+/// The justifications in order of severity, and which are active.
+fn justifications_ui(ui: &mut Ui, state: &View<'_>, commands: &mut Commands) -> Active {
     let all = state.weights().justifications;
-    let chosen = state.label.justification.unwrap_or(all.default());
+    let active = state.label.active.unwrap_or(all.default().into());
     let digits =
         [Key::Num1, Key::Num2, Key::Num3, Key::Num4, Key::Num5, Key::Num6, Key::Num7, Key::Num8, Key::Num9];
     ui.horizontal_wrapped(|ui| {
@@ -351,13 +351,13 @@ fn justifications_ui(ui: &mut Ui, state: &View<'_>, commands: &mut Commands) -> 
         // Those after the ninth have no key.
         let keys = digits.into_iter().map(Some).chain(std::iter::repeat(None));
         for ((justification, name, _), key) in all.iter().zip(keys) {
-            let tone = if justification == chosen { Tone::Chosen } else { Tone::Plain };
+            let tone = if active.contains(justification) { Tone::Chosen } else { Tone::Plain };
             if KeyButton::new(name).key(key).tone(tone).is_pressed(ui) {
                 commands.push(Command::Label(LabelCommand::Justify(justification)));
             }
         }
     });
-    chosen
+    active
 }
 
 /// Skipping, undoing, and why the last one was skipped.

@@ -53,6 +53,7 @@ fn in_short(mix: Mix) -> &'static str {
         (0, 0, _) => "by chance",
         (100, ..) => "most unsure",
         (_, 100, _) => "near marks",
+        _ if mix.least_answered == 100 => "answered least",
         _ => "mixed",
     }
 }
@@ -63,6 +64,11 @@ fn mix_ui(ui: &mut Ui, state: &View<'_>, selection: &mut QuerySelection) {
     share_ui(ui, &mut mix.disagreement, 100, "where the reward is unsure")
         .on_hover_text("Of ten pairs the one that the networks of the reward disagree about most");
     let most = 100 - mix.disagreement.min(100);
+    share_ui(ui, &mut mix.least_answered, 100, "about what was answered least").on_hover_text(
+        "One clip is from around one that was said to show it: so that all that is unsafe is told, not only what is frequent",
+    );
+    mix.least_answered = mix.least_answered.min(most);
+    let most = most - mix.least_answered;
     share_ui(ui, &mut mix.boundary, 100, "near what was marked as unsafe")
         .on_hover_text("One clip is from around a step that was marked in a dream, the other by chance");
     mix.boundary = mix.boundary.min(most);

@@ -576,6 +576,9 @@ fn selection(selection: &mut QuerySelection, value: &Value, problems: &mut Probl
                     match own {
                         "disagreement" => problems.put(&name, &mut mix.disagreement, percent(value, 100)),
                         "boundary" => problems.put(&name, &mut mix.boundary, percent(value, 100)),
+                        "least_answered" => {
+                            problems.put(&name, &mut mix.least_answered, percent(value, 100));
+                        }
                         "is_balanced" => problems.put(&name, &mut mix.is_balanced, truth(value)),
                         _ => problems.note(&name, "this program does not know it"),
                     }

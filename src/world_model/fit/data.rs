@@ -286,7 +286,7 @@ pub(super) fn encode(
     vision.load("net", &store)?;
     let of = vision.hash();
     // Noise is added to these anyway. The quick arithmetic is exact enough, and there are a great many.
-    let vae = vae.for_inference(if backend.is_cpu() { backend.kind } else { Kind::Float });
+    let encoder = vae.encoder.for_inference(if backend.is_cpu() { backend.kind } else { Kind::Float });
     let n = source.dataset.n_episodes();
     let mut encoded = |i: usize| {
         let progress = Progress {
@@ -313,7 +313,7 @@ pub(super) fn encode(
         }
     }
     source.read(&missing, |i, episode| {
-        let encode = |chunk: &[Frame]| vae.encode(&from_frames_on(backend.device, chunk));
+        let encode = |chunk: &[Frame]| encoder.encode(&from_frames_on(backend.device, chunk));
         let parts: Vec<_> =
             tch::no_grad(|| episode.frames.chunks(at_once(config.vae.sides())).map(encode).collect());
         let (means, log_vars): (Vec<_>, Vec<_>) = parts.into_iter().unzip();

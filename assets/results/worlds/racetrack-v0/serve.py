@@ -12,11 +12,23 @@ RATE = 15  # Hz
 FAST = 15  # m/s, of the whole bar
 
 
+def thickened(picture):
+    """The brightest of each pixel and those around it."""
+    height, width = picture.shape[:2]
+    padded = np.pad(picture, ((1, 1), (1, 1), (0, 0)), mode="edge")
+    around = [padded[i : i + height, j : j + width] for i in range(3) for j in range(3)]
+    return np.max(around, axis=0)
+
+
 class World(gymnasium.Wrapper):
-    """The reward is the way along the road in meters, while on it. A bar below the picture tells the speed, as no line does."""
+    """The reward is the way along the road in meters, while on it.
+
+    In the picture all lines are three pixels wide instead of one, which networks would take for noise, and a bar at its foot
+    tells the speed, as nothing else in one picture does.
+    """
 
     def render(self):
-        picture = np.array(self.env.render())
+        picture = thickened(self.env.render())
         picture[-4:] = 0
         middle = picture.shape[1] // 2
         end = middle + round(float(np.clip(self.unwrapped.vehicle.speed / FAST, -1, 1)) * middle)

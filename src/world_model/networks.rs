@@ -1,0 +1,54 @@
+//! The networks of a world model, held once however many threads use them.
+
+use std::sync::{Arc, Mutex, PoisonError, Weak};
+
+use crate::world_model::fused_rollout::FusedRollout;
+use crate::world_model::mdn_rnn::MdnRnn;
+use crate::world_model::vae::{Decoder, Encoder};
+
+/// Frozen networks. Nobody writes into their numbers, so threads can share them.
+#[derive(Debug)]
+pub(super) struct Networks {
+    /// Full precision: latents decide.
+    pub(super) encoder: Encoder,
+    /// Whatever is quickest here: pictures are only looked at.
+    pub(super) decoder: Decoder,
+    pub(super) mdn_rnn: MdnRnn,
+    /// The same memory, rearranged.
+    pub(super) fused_rollout: FusedRollout,
+}
+
+/// What keeps networks for the next thread that wants them. Each world model has one.
+pub(super) type Kept = Arc<Mutex<Networks>>;
+
+/// All that are in use, by the hash of the file that they are from.
+static KEPT: Mutex<Vec<(String, Weak<Mutex<Networks>>)>> = Mutex::new(Vec::new());
+
+impl Networks {
+    /// The networks of the file with this hash: those that are in use, or else what `make` makes.
+    pub(super) fn of<E>(hash: &str, make: impl FnOnce() -> Result<Self, E>) -> Result<(Self, Kept), E> {
+        let mut all = KEPT.lock().unwrap_or_else(PoisonError::into_inner);
+        all.retain(|(_, kept)| kept.strong_count() > 0);
+        let there = all.iter().find(|(of, _)| of == hash).and_then(|(_, kept)| kept.upgrade());
+        let kept = if let Some(kept) = there {
+            kept
+        } else {
+            let kept = Arc::new(Mutex::new(make()?));
+            all.push((hash.to_owned(), Arc::downgrade(&kept)));
+            kept
+        };
+        let networks = kept.lock().unwrap_or_else(PoisonError::into_inner).shared();
+        Ok((networks, kept))
+    }
+
+    /// The same numbers under another name: tensors go from thread to thread, and are not used by two at once.
+    fn shared(&self) -> Self {
+        let Self { encoder, decoder, mdn_rnn, fused_rollout } = self;
+        Self {
+            encoder: encoder.shared(),
+            decoder: decoder.shared(),
+            mdn_rnn: mdn_rnn.shared(),
+            fused_rollout: fused_rollout.shared(),
+        }
+    }
+}
