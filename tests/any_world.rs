@@ -133,6 +133,23 @@ fn a_world_of_somebody_else_goes_through_all_four_steps() {
     }
     assert_eq!(run("deploy --session justified --episodes 1 --seed 5 --json").lines().count(), 2);
     run("replay justified");
+
+    // What its reward was told of the hazard, and what it makes of recorded moments with it.
+    let said = run("check-reward --session justified --data data --episodes 6 --on preferred --json");
+    let told: serde_json::Value = serde_json::from_str(&said).unwrap();
+    let hazard = &told["hazards"][0];
+    let steps = |name: &str| hazard[name].as_u64().unwrap();
+    assert_eq!((hazard["hazard"].as_str(), steps("n_with") + steps("n_without")), (Some("aground"), 6 * 80));
+    assert_eq!(
+        steps("n_named") + told["n_by_default"].as_u64().unwrap(),
+        told["n_answers"].as_u64().unwrap()
+    );
+    assert!((0.0..=1.0).contains(&hazard["auc"].as_f64().unwrap()), "{said}");
+    assert!(told["predictions"][0]["session"].as_str().unwrap().contains("preferred"), "{said}");
+    let lines = run("check-reward --session justified");
+    assert!(lines.contains("named by") && !lines.contains("ranked below safe"), "{lines}");
+    let lines = run("check-reward --session justified --data data");
+    assert!(lines.contains("ranked below safe"), "{lines}");
 }
 
 #[test]

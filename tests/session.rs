@@ -321,9 +321,9 @@ fn labels_are_exported_as_they_were_said_and_as_they_weigh() {
     let names = rows[0].split(',').count();
     assert_eq!(
         rows[1],
-        r#"1,0,0,0,0,uniform,DROPJ,,true,true,,right,0.25,4.5,0,"anna, the ""first""",false,,,1795342500000,,"#
+        r#"1,0,0,0,0,uniform,DROPJ,,true,true,,right,0.25,4.5,0,"anna, the ""first""",false,,,1795342500000,,,"#
     );
-    assert_eq!(rows[2], "0,0,0,0,0,uniform,DROPJ,yes,,,,,,2,0,anna,false,,,1795342500000,,");
+    assert_eq!(rows[2], "0,0,0,0,0,uniform,DROPJ,yes,,,,,,2,0,anna,false,,,1795342500000,,,");
     assert_eq!(rows[2].split(',').count(), names);
 }
 

@@ -274,11 +274,6 @@ fn what_is_wrong_with_a_world_file_is_said_in_a_sentence() {
         ("name = \"off the road\"", "name = \"default\"", "the default is always there"),
         (
             "[planner]\n",
-            "[[justifications]]\nname = \"b\"\nevents = [\"off\"]\nweight = 1.0\n[planner]\n",
-            "justifications.\"b\".weight is 1, and must be 0.95 at the most, the weight of \"off the road\"",
-        ),
-        (
-            "[planner]\n",
             "[weights]\ndefault = 0.4\n[planner]\n",
             "weights.default is 0.4, and must be above 0.5",
         ),

@@ -524,10 +524,6 @@ fn what_is_converted_is_the_same_model_in_the_layout_of_pytorch() {
 #[test]
 fn the_shipped_models_are_those_that_earlier_sessions_name() {
     let earlier = [
-        (
-            "world-obstacle-car-racing",
-            "sha256:fd5ea62b573e027bd82bcc54378bd7905d134a2cd550871c2a48d62ad6c32682",
-        ),
         ("world-car-racing", "sha256:af5106263db29415d31108d59b96f1d4c61f3bcc64afd7aed1fc810c57c16ec7"),
         (
             "world-obstacle-car-racing-compact",
