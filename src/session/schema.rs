@@ -134,7 +134,11 @@ fn is_checked_later(pointer: &str) -> bool {
 fn the_schema_of_events_and_the_code_let_the_same_through() {
     let schema: Value = serde_json::from_str(EVENT).unwrap();
     let (mut n_permitted, mut n_refused) = (0, 0);
-    for line in lines() {
+    // An answer can rest on several justifications.
+    let one = "\"justified\":[0,";
+    let several = lines().into_iter().find(|line| line.contains(one)).unwrap();
+    let several = several.replace(one, "\"justified\":[[0,1],");
+    for line in lines().into_iter().chain([several]) {
         let value: Value = serde_json::from_str(&line).unwrap();
         assert!(permits(&schema, &schema, &value), "{line}");
         for (place, other) in altered(&value) {
