@@ -112,6 +112,14 @@ fn a_world_of_somebody_else_goes_through_all_four_steps() {
     let said =
         run("fit-world --env world.toml --data data --out channel-world.safetensors --config fit.toml");
     assert!(said.contains("channel-world.safetensors"), "{said}");
+    // Its file tells how it was fitted.
+    let settings = run(
+        "fit-world --env world.toml --data data --out again.safetensors --like channel-world.safetensors --seed 7 --print-config",
+    );
+    for line in ["updates_per_epoch = 60", "updates_per_epoch = 30", "window = 40", "memory = 32", "seed = 7"]
+    {
+        assert!(settings.contains(line), "{line} in {settings}");
+    }
     let said = run("fit-probe --env world.toml --data data --out channel-probe.safetensors --updates 150");
     assert!(said.contains("aground"), "{said}");
     for (protocol, session) in [("dropj", "justified"), ("drop", "preferred")] {

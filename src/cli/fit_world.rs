@@ -9,11 +9,12 @@ use dropj::run::{Kind, OutputFile, Run};
 use dropj::tensor::DeviceChoice;
 use dropj::worker::read_ahead;
 use dropj::world_model::WorldModelConfig;
-use dropj::world_model::fit::{self, FitConfig, Means, Progress, Stage, fit_world_with};
+use dropj::world_model::fit::{self, FitConfig, FitRecord, Means, Progress, Stage, fit_world_with};
 
 use super::choices::{Precision, backend};
 use super::chosen_world::{ChosenWorld, chosen_world, recordings};
 use super::meter::Meter;
+use super::models::world_model;
 use super::numbers::{count, number};
 use super::run_file::{MAX_WHOLE, RunFile};
 
@@ -31,6 +32,9 @@ pub(crate) struct Options {
     /// The networks' sizes; if not given, what suits the world on this kind of machine
     #[arg(long, value_enum)]
     preset: Option<Preset>,
+    /// Fit as this world model was fitted: its networks, and the settings where its file tells them
+    #[arg(long, value_name = "FILE", conflicts_with = "preset")]
+    like: Option<PathBuf>,
     /// Go on from the last checkpoint
     #[arg(long)]
     resume: bool,
@@ -86,12 +90,24 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
         eprintln!("left out: {damaged}");
     }
     let suited = || WorldModelConfig::for_world(&spec);
-    let base = options.preset.map_or_else(suited, |preset| preset.config().of_world(&spec));
+    let like = options.like.as_deref().map(world_model).transpose()?;
+    let base = match (&like, options.preset) {
+        (Some(model), _) => model.config().clone().of_world(&spec),
+        (None, Some(preset)) => preset.config().of_world(&spec),
+        (None, None) => suited(),
+    };
+    let record = like.as_ref().and_then(|model| FitRecord::of(model.parameters()));
+    if like.is_some() && record.is_none() {
+        eprintln!(
+            "the file of that world model does not tell how it was fitted: the settings are the usual ones"
+        );
+    }
+    let usual = record.map_or_else(|| FitConfig::for_world(&spec), |record| record.settings);
     let config = options.run_file.over("networks", &base, WorldModelConfig::check)?;
     let mut config = config.of_world(&spec);
     config.vae.emphasis = options.emphasis.unwrap_or(config.vae.emphasis);
     fit::check_world(&dataset, &config)?;
-    let mut settings = options.run_file.over("fit", &FitConfig::for_world(&spec), FitConfig::check)?;
+    let mut settings = options.run_file.over("fit", &usual, FitConfig::check)?;
     settings.seed = options.seed.unwrap_or(settings.seed);
     settings.vae.max_epochs = options.vae_epochs.unwrap_or(settings.vae.max_epochs);
     settings.mdn_rnn.max_epochs = options.mdn_rnn_epochs.unwrap_or(settings.mdn_rnn.max_epochs);

@@ -417,6 +417,15 @@ impl Parameters {
         self.container().ok()?.value(key).map(str::to_owned)
     }
 
+    /// The same with `value` under `key` in the header, whatever stood there.
+    pub fn with_metadata(&self, key: &str, value: String) -> Self {
+        let Ok(container) = self.container() else { return self.clone() };
+        let mut metadata = container.metadata.clone().unwrap_or_default();
+        metadata.retain(|(other, _)| other != key);
+        metadata.push((key.to_owned(), value));
+        Self::of_parts(Some(&metadata), parts_of(&container))
+    }
+
     /// The bytes of a safetensors file.
     pub fn bytes(&self) -> &[u8] {
         &self.bytes

@@ -354,6 +354,33 @@ impl fmt::Debug for Means<'_> {
     }
 }
 
+/// How a world model was fitted, as its file tells it: what it takes to fit it again.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct FitRecord {
+    /// The settings. The networks' shapes stand in the file's `config`.
+    pub settings: FitConfig,
+    /// How many episodes there were, those that were held out among them.
+    pub n_episodes: usize,
+    /// What the recordings are known by.
+    pub recordings: String,
+    /// The version of the program.
+    pub app: String,
+}
+
+impl FitRecord {
+    /// Where it stands in the header of a world model's file.
+    const KEY: &str = "fit";
+
+    /// That of the world model in `parameters`, where its file has one.
+    pub fn of(parameters: &Parameters) -> Option<Self> {
+        serde_json::from_str(&parameters.metadata(Self::KEY)?).ok()
+    }
+
+    fn to_json(&self) -> String {
+        serde_json::to_string(self).unwrap_or_else(|e| unreachable!("plain data: {e}"))
+    }
+}
+
 /// Trains a world model on `dataset`, keeping all it needs to resume in `run`.
 pub fn fit_world(
     dataset: &Dataset,
@@ -381,6 +408,12 @@ pub fn fit_world_with(
     check_world(dataset, config)?;
     let n = dataset.n_episodes();
     let (env, recordings) = (config.env.clone(), dataset.fingerprint());
+    let record = FitRecord {
+        settings: fit.clone(),
+        n_episodes: n,
+        recordings: recordings.clone(),
+        app: env!("CARGO_PKG_VERSION").to_owned(),
+    };
     let now = Terms { env, n_episodes: n, held_out: fit.held_out, seed: fit.seed, recordings };
     match run.recall::<Terms>("terms")? {
         Some(began) if !began.permit(&now) => {
@@ -395,6 +428,7 @@ pub fn fit_world_with(
     encode(source, config, backend, &seen, run, report)?;
     let memory = fit_mdn_rnn(&split, config, fit, backend, seen.hash(), run, report)?;
     let parameters = WorldModel::parameters_of(config, &vision, &memory);
+    let parameters = parameters.with_metadata(FitRecord::KEY, record.to_json());
     with_starts(source, &split, &parameters, |model, i, episode, at| {
         if backend.is_cpu() {
             return Ok(model.states_of(&episode.frames, &episode.actions, at));
