@@ -16,8 +16,6 @@ use crate::query::{
 const REACH: usize = 2 * SEGMENT_LEN;
 /// A clip that is asked about for what another one shows begins at most so many steps before or after that.
 const NEAR: usize = SEGMENT_LEN / 2;
-/// How often what one clip was said to show is asked about beside what comes just before or after it.
-const SHARE_BESIDE: f64 = 0.5;
 /// So often another pair is drawn where one is not wanted.
 const N_TRIES: usize = 50;
 /// The justification that stands for all that is unsafe where only that is asked.
@@ -100,14 +98,10 @@ impl KnownClips {
 
     /// Whether an answer about this pair likely names `wanted`, by what is known of it.
     ///
-    /// Two clips that both show it are equal in that, and little is learned from them. Where nothing is known of a clip, it may
-    /// show anything.
+    /// Where nothing is known of a clip, it may show anything.
     fn is_likely(&self, pair: [SegmentRef; 2], wanted: Justification, rng: &mut impl Rng) -> bool {
         match pair.map(|segment| self.guess(segment)) {
-            [Some(left), Some(right)] => {
-                let show = |shown: Shown| shown.is_some_and(|active| active.contains(wanted));
-                named([left, right], self.default) == wanted && !(show(left) && show(right))
-            }
+            [Some(left), Some(right)] => named([left, right], self.default) == wanted,
             _ => rng.random_bool(0.5),
         }
     }
@@ -181,15 +175,7 @@ pub fn sample_least_answered(
         if wanted != known.default
             && let Some(near) = known.near_one_that_shows(wanted, dreams, rng)
         {
-            let side = usize::from(rng.random_bool(0.5));
-            pair[side] = near;
-            // What comes just before or after differs in little else: so it is learned what is bad, and not what is around it.
-            if rng.random_bool(SHARE_BESIDE)
-                && let Some(beside) = beside(near, dreams, rng)
-            {
-                pair[1 - side] = beside;
-                break;
-            }
+            pair[usize::from(rng.random_bool(0.5))] = near;
         }
         if known.is_likely(pair, wanted, rng) {
             break;
@@ -197,15 +183,6 @@ pub fn sample_least_answered(
         pair = sample_pair(dreams, rng)?;
     }
     Some(pair)
-}
-
-/// A clip that begins one to three lengths before or after this one. Nothing where the dream has none there.
-fn beside(segment: SegmentRef, dreams: &[(DreamId, usize)], rng: &mut impl Rng) -> Option<SegmentRef> {
-    let (_, len) = dreams.iter().find(|(dream, _)| *dream == segment.dream)?;
-    let away = rng.random_range(SEGMENT_LEN..=3 * SEGMENT_LEN);
-    let is_before = rng.random_bool(0.5);
-    let start = if is_before { segment.start.checked_sub(away)? } else { segment.start.checked_add(away)? };
-    (start + SEGMENT_LEN <= *len).then_some(SegmentRef { start, ..segment })
 }
 
 #[cfg(test)]
