@@ -10,12 +10,13 @@ use dropj::evaluation::{HazardRanking, HazardTally, aligned};
 use dropj::planner::PlannerConfig;
 use dropj::query::{DreamId, Justification, LabeledQuery, Response, SegmentRef, Verdict};
 use dropj::reward::{LearnedReward, PredictionMetrics, RewardEnsemble, SegmentPair, Trainer, segment_rows};
-use dropj::session::{Session, SessionStore};
+use dropj::session::{Header, Session, SessionStore};
 use dropj::text::{distinct, shown};
 use dropj::world::{Action, EventKind, EventSpec, WorldSpec};
 use dropj::world_model::WorldModel;
 use serde::Serialize;
 
+use super::chosen_world::ChosenWorld;
 use super::models;
 use super::numbers::count;
 
@@ -94,7 +95,11 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
         Some(dir) => ranked(dir, options.episodes, &model, &reward)?,
         None => Vec::new(),
     };
-    let mut told = said(&session, model.spec());
+    // The world of the session may have fewer hazards than that of the model's recordings.
+    let here = Header::read(&options.session)
+        .ok()
+        .and_then(|header| ChosenWorld::of_session(&header, Some(&model)).ok());
+    let mut told = said(&session, here.as_ref().map_or(model.spec(), |here| &here.spec));
     for hazard in &mut told.hazards {
         let ranking = rankings.iter().find(|ranking| ranking.event == hazard.hazard);
         hazard.ranked =

@@ -52,3 +52,34 @@ impl Networks {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use rand::SeedableRng as _;
+    use rand_chacha::ChaCha8Rng;
+
+    use crate::tensor::{from_slice, to_vec};
+    use crate::world_model::{WorldModel, WorldModelConfig, untrained};
+
+    fn model(seed: u64) -> WorldModel {
+        untrained(&WorldModelConfig::tiny(), &mut ChaCha8Rng::seed_from_u64(seed))
+    }
+
+    #[test]
+    fn models_of_one_file_share_their_numbers_and_others_do_not() {
+        let one = model(21);
+        let head = |model: &WorldModel| model.networks.mdn_rnn.head.data_ptr() as usize;
+        let again = WorldModel::load(one.parameters().clone()).unwrap();
+        assert_eq!(head(&one), head(&again));
+        assert_ne!(head(&one), head(&model(22)));
+        // Also after the first is gone.
+        let (place, z) = (head(&one), [0.3; 4]);
+        let painted = one.decode(&from_slice(&z, &[1, 4]));
+        drop(one);
+        let there = WorldModel::load(again.parameters().clone()).unwrap();
+        assert_eq!(head(&there), place);
+        assert_eq!(there.decode(&from_slice(&z, &[1, 4])), painted);
+        let kept = to_vec(&there.networks.mdn_rnn.head);
+        assert_eq!(kept, to_vec(&there.parameters().tensor("mdn_rnn.head.weight").unwrap()));
+    }
+}
