@@ -5,6 +5,7 @@
 
 mod appender;
 mod building;
+pub mod curves;
 mod output;
 pub mod place;
 
@@ -133,6 +134,21 @@ impl RunError {
     /// What to make of an [`io::Error`] met while doing something at `path`.
     fn disk(doing: &'static str, path: &Path) -> impl FnOnce(io::Error) -> Self {
         move |met| Self::Disk { doing, met, path: path.to_owned() }
+    }
+}
+
+/// Makes the folder `dir`, and those above it, where there is none.
+pub fn make_folder(dir: &Path) -> Result<(), RunError> {
+    fs::create_dir_all(dir).map_err(RunError::disk("make the folder", dir))
+}
+
+/// Removes the file at `path`, which is ours, if it is there.
+pub fn remove_file(path: &Path) -> Result<(), RunError> {
+    match fs::remove_file(path) {
+        Err(met) if met.kind() != ErrorKind::NotFound => {
+            Err(RunError::Disk { doing: "remove", met, path: path.to_owned() })
+        }
+        _ => Ok(()),
     }
 }
 
@@ -276,6 +292,12 @@ impl Run {
         line.push('\n');
         let append = || OpenOptions::new().append(true).create(true).open(&path)?.write_all(line.as_bytes());
         append().map_err(|met| RunError::Disk { doing: "log metrics", met, path: path.clone() })
+    }
+
+    /// Adds a point to each of the named curves, in an event file of TensorBoard.
+    pub fn plot(&self, step: u64, points: &[(&str, f32)]) -> Result<(), RunError> {
+        let path = self.file(curves::NAME)?;
+        curves::append(&path, step, points).map_err(RunError::disk("add to the curves", &path))
     }
 }
 

@@ -21,6 +21,15 @@ impl Switch {
     }
 }
 
+/// What can be known beforehand.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum OracleName {
+    /// The simulator itself, and its reward
+    World,
+    /// What is seen in imagined pictures
+    Seen,
+}
+
 /// The questions that can be asked.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(crate) enum ProtocolName {
@@ -84,6 +93,15 @@ pub(crate) enum PlannerName {
     /// As the world's file says
     Ours,
     /// The authors': 15 steps ahead in the paper's worlds, by their brake, and nothing refined
+    Paper,
+}
+
+/// The ways to fit a reward.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum FitName {
+    /// From nothing, at a falling rate, a fixed number of steps
+    Ours,
+    /// The authors': at one rate, 60 passes through all answers, 40 where several things must not happen
     Paper,
 }
 

@@ -6,17 +6,19 @@ use std::path::{Path, PathBuf};
 
 use anyhow::Context as _;
 use dropj::evaluation::{
-    Constant, EpisodeMetrics, PlanningPolicy, Policy, Summary, TracksAlike, Watched, evaluate_episode, table,
+    Constant, EpisodeMetrics, Oracle, PlanningPolicy, Policy, Summary, TracksAlike, Watched,
+    evaluate_episode, table,
 };
 use dropj::planner::{Agent, PlannerConfig, candidates};
-use dropj::reward::{LearnedReward, RewardConfig, RewardEnsemble, RewardInputs};
+use dropj::reward::{LearnedReward, RewardConfig, RewardEnsemble, RewardInputs, RewardModel};
 use dropj::run::{Kind, OutputFile};
 use dropj::session::{Header, SessionStore};
+use dropj::simulate::SeenReward;
 use dropj::world::{Action, World, event_slug};
 use rand::SeedableRng as _;
 use rand_chacha::ChaCha8Rng;
 
-use super::choices::{PlannerName, Switch};
+use super::choices::{OracleName, PlannerName, Switch};
 use super::chosen_world::{ChosenWorld, chosen_world};
 use super::meter::Meter;
 use super::models;
@@ -27,7 +29,7 @@ use super::words::names;
 #[derive(Debug, clap::Args)]
 pub(crate) struct Options {
     /// The session whose reward drives
-    #[arg(long, required_unless_present_any = ["random_reward", "straight_on"])]
+    #[arg(long, required_unless_present_any = ["random_reward", "straight_on", "oracle"])]
     session: Option<PathBuf>,
     /// Drive by a reward that has learned nothing, drawn from this seed, for scale
     #[arg(long, conflicts_with = "session")]
@@ -35,6 +37,10 @@ pub(crate) struct Options {
     /// Do the first thing that the planner could throughout, without looking, for scale: a car drives straight on
     #[arg(long, conflicts_with_all = ["session", "random_reward"])]
     straight_on: bool,
+    /// Plan with what no method has, for scale: in copies of the simulator by its own reward, or in imagination by what the
+    /// stand-in for a person sees in its pictures
+    #[arg(long, value_enum, conflicts_with_all = ["session", "random_reward", "straight_on"])]
+    oracle: Option<OracleName>,
     /// The world to act in, by its name or its file [default: the session's, or car-racing]
     #[arg(long, value_name = "NAME|FILE", value_parser = chosen_world)]
     env: Option<ChosenWorld>,
@@ -89,14 +95,25 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
         (models::world_model(&path)?, env)
     };
     models::require(&model, &env)?;
-    let reward = if let Some((_, reward)) = &kept {
+    let probe = match options.oracle {
+        Some(OracleName::Seen) => {
+            Some(models::probe(None, &env.named_world_model(options.world.as_deref()), &env)?)
+        }
+        _ => None,
+    };
+    let mut is_sparse = false;
+    let reward: Box<dyn RewardModel + '_> = if let Some(probe) = &probe {
+        Box::new(SeenReward::new(&model, probe))
+    } else if let Some((_, reward)) = &kept {
         let dir = options.session.as_deref().unwrap_or(Path::new(""));
         let none = || format!("the session {dir:?} has no reward yet: fit one in the window");
-        LearnedReward::load(reward.as_ref().with_context(none)?, model.identity())?
+        let learned = LearnedReward::load(reward.as_ref().with_context(none)?, model.identity())?;
+        is_sparse = learned.is_sparse();
+        Box::new(learned)
     } else {
         let rng = &mut ChaCha8Rng::seed_from_u64(options.random_reward.unwrap_or(0));
         let ensemble = RewardEnsemble::new(RewardInputs::of(&model), RewardConfig::car_racing(), rng);
-        LearnedReward::Preferences(ensemble.for_inference())
+        Box::new(ensemble.for_inference())
     };
 
     let planner = PlannerConfig::of(&env.spec, None).for_model(&model);
@@ -104,7 +121,7 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
         PlannerName::Ours => planner,
         PlannerName::Paper => planner.authors(&env.spec),
     };
-    let planner = if reward.is_sparse() { planner.for_transitions() } else { planner };
+    let planner = if is_sparse { planner.for_transitions() } else { planner };
     let planner = options.run_file.over("planner", &planner, PlannerConfig::check)?.for_model(&model);
     let horizon = options.horizon.map_or(planner.horizon, usize::from);
     let brake = options.brake.or(planner.brake);
@@ -129,8 +146,12 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
         let seed = tracks.track(i);
         let agent = Agent::new(config.clone(), number);
         let mut planning = PlanningPolicy::new(&model, &reward, agent);
-        let policy: &mut dyn Policy =
-            if options.straight_on { &mut Constant(straight_on) } else { &mut planning };
+        let mut oracle = Oracle::new(config.clone(), number);
+        let policy: &mut dyn Policy = match options.oracle {
+            _ if options.straight_on => &mut Constant(straight_on),
+            Some(OracleName::World) => &mut oracle,
+            _ => &mut planning,
+        };
         let metrics = evaluate_episode(&mut *world, seed, policy, |world, step| {
             if options.steps.is_some() {
                 if steps.is_empty() {

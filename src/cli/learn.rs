@@ -83,22 +83,23 @@ pub(crate) fn learn_sparse(
     Ok((reward.parameters(), fit))
 }
 
-/// Fits a fresh reward to every answer of the session and keeps it there.
+/// Fits a fresh reward to every answer of the session, or to the `first` so many, and keeps it there.
 pub(crate) fn fit_reward(
     store: &mut SessionStore,
     model: &WorldModel,
     config: RewardConfig,
     seed: u64,
     held_out: Option<f64>,
+    first: Option<usize>,
 ) -> anyhow::Result<Fit> {
     let dreams = store.session().dream_lens().into_iter();
     let dreams = dreams.map(|(id, _)| Ok((id, store.dream(id)?))).collect::<Result<_, SessionError>>()?;
-    let (parameters, fit) = learn_reward(store.session(), &dreams, model, config, seed, held_out)?;
+    let (parameters, fit) = learn_reward(store.session(), &dreams, model, config, seed, held_out, first)?;
     store.save_reward(&parameters, fit.clone())?;
     Ok(fit)
 }
 
-/// Fits a fresh reward to every answer of a session with these dreams, and says how.
+/// Fits a fresh reward to every answer of a session with these dreams, or to the `first` so many, and says how.
 pub(crate) fn learn_reward(
     session: &Session,
     dreams: &BTreeMap<DreamId, DreamEpisode>,
@@ -106,13 +107,16 @@ pub(crate) fn learn_reward(
     config: RewardConfig,
     seed: u64,
     held_out: Option<f64>,
+    first: Option<usize>,
 ) -> anyhow::Result<(Parameters, Fit)> {
     let features: BTreeMap<_, _> = dreams.iter().map(|(id, dream)| (*id, dream.features(model))).collect();
     let rows = |segment: SegmentRef| {
         let (dream, features) = (&dreams[&segment.dream], &features[&segment.dream]);
         Ok::<_, NotFinite>(segment_rows(features, &dream.actions, model.ranges(), segment))
     };
-    let labels = session.labeled();
+    let mut labels = session.labeled();
+    // Queries are numbered as they are asked; those that were skipped count.
+    labels.retain(|labeled| first.is_none_or(|first| (labeled.query.id.0 as usize) < first));
     anyhow::ensure!(!labels.is_empty(), NO_ANSWERS);
     let epochs = config.epochs(labels.len()) as u32;
     let figures = held_out.map(|share| predict_held_out(model, config.clone(), seed, &labels, rows, share));

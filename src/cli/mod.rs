@@ -12,6 +12,7 @@ mod compare;
 mod convert;
 mod deploy;
 mod error;
+mod experiment;
 mod first_world;
 mod export;
 mod fit_probe;
@@ -76,6 +77,8 @@ enum Command {
     CheckReward(check_reward::Options),
     /// Act in the real world by a session's reward (step 4)
     Deploy(deploy::Options),
+    /// Run grids of trials, a seed and a method each, and say what comes of them in tables, words and figures
+    Experiment(experiment::Options),
     /// Say whether methods differ by more than chance, from what `deploy --json` printed of each
     Compare(compare::Options),
     /// Store a world model, a probe or a reward anew: in the layout of PyTorch, and in fewer bytes if that is asked
@@ -145,6 +148,7 @@ pub(crate) fn run(cli: Cli) -> anyhow::Result<()> {
         Some(Command::Refit(options)) => refit::run(&options),
         Some(Command::CheckReward(options)) => check_reward::run(&options),
         Some(Command::Deploy(options)) => deploy::run(&options),
+        Some(Command::Experiment(options)) => experiment::run(&options),
         Some(Command::Compare(options)) => compare::run(&options),
         Some(Command::Convert(options)) => convert::run(&options),
         Some(Command::Labels(options)) => labels::run(&options),

@@ -8,6 +8,7 @@ use dropj::reward::sparse::Rules;
 use dropj::reward::{RewardConfig, RewardEnsemble, SparseConfig};
 use dropj::session::{Event, SessionStore};
 
+use super::choices::FitName;
 use super::error::CliError;
 use super::learn::{NO_ANSWERS, NO_VERDICTS, fit_reward, fit_sparse, sparse_config};
 use super::models;
@@ -35,9 +36,15 @@ pub(crate) struct Options {
     /// preferences alone
     #[arg(long, value_parser = clap::value_parser!(i64).range(1..=100))]
     members: Option<i64>,
+    /// How preferences are learned: as we do, or as the authors do, for comparison
+    #[arg(long, value_enum, default_value = "ours")]
+    fit: FitName,
     /// Of initialization and order
     #[arg(long, default_value_t = 0)]
     seed: u64,
+    /// Learn from so many queries alone, the first that were asked, skipped ones too: for learning curves; of preferences alone
+    #[arg(long, value_parser = count(1..=10_000_000))]
+    first: Option<usize>,
     /// Also hold out this share of the answers, learn from the rest, and say how well those are predicted
     #[arg(long, value_parser = above(0.0, 0.9))]
     held_out: Option<f64>,
@@ -64,8 +71,8 @@ impl Options {
         reweighted(now, &self.weights, self.safety, self.default)
     }
 
-    /// How answers under `protocol` are learned.
-    fn learning(&self, protocol: Protocol) -> Result<Learning, CliError> {
+    /// How answers under `protocol` are learned, where so many justifications can be named.
+    fn learning(&self, protocol: Protocol, n_justifications: usize) -> Result<Learning, CliError> {
         if protocol.is_sparse() {
             let config = self.run_file.over("sparse", &sparse_config(protocol), SparseConfig::check)?;
             return Ok(Learning::Verdicts(SparseConfig {
@@ -81,6 +88,10 @@ impl Options {
         let kept = kept.and_then(|parameters| RewardEnsemble::load(&parameters).ok());
         let kept = kept.map(|reward| reward.config().members);
         let base = RewardConfig { members: kept.unwrap_or(papers.members), ..papers };
+        let base = match self.fit {
+            FitName::Ours => base,
+            FitName::Paper => base.authors(n_justifications),
+        };
         let config = self.run_file.over("reward", &base, RewardConfig::check)?;
         Ok(Learning::Preferences(RewardConfig {
             updates: self.updates.unwrap_or(config.updates),
@@ -120,7 +131,7 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
     let mut store = SessionStore::open(&options.session, Some(model.identity()))?;
     let now = store.session().weights().clone();
     let weights = options.weights(&now)?;
-    let learning = options.learning(store.session().protocol())?;
+    let learning = options.learning(store.session().protocol(), now.justifications.iter().count() - 1)?;
     if let Some(all) = options.run_file.to_print() {
         let all = all.with("safety", weights.safety).with("default", weights.default);
         let all = match &learning {
@@ -144,7 +155,7 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
     let started = Instant::now();
     let fit = match learning {
         Learning::Preferences(config) => {
-            fit_reward(&mut store, &model, config, options.seed, options.held_out)?
+            fit_reward(&mut store, &model, config, options.seed, options.held_out, options.first)?
         }
         Learning::Verdicts(config) => fit_sparse(&mut store, &model, config, options.seed)?,
     };

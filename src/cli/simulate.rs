@@ -272,7 +272,7 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
     }
     let dreams = (0..).map(DreamId).zip(simulated.dreams.iter().cloned()).collect();
     let (parameters, fit) =
-        learn_reward(script.session(), &dreams, &model, config.reward.clone(), options.seed, None)?;
+        learn_reward(script.session(), &dreams, &model, config.reward.clone(), options.seed, None, None)?;
     script.keep_reward(parameters, &fit)?;
     let store = script.finish()?;
     let store = new.finish(store)?;

@@ -57,7 +57,8 @@ pub use folder::Dataset;
 pub use index::Summary;
 pub use journal::Recording;
 pub use layout::Layout;
-pub use table::order_as_types_do;
+pub use png::encode as png_bytes;
+pub use table::{TableColumn, order_as_types_do, table_bytes};
 
 use crate::world::{Action, Frame};
 

@@ -10,7 +10,7 @@ use super::limits;
 use crate::world::{Frame, Size};
 
 /// A frame as a PNG file.
-pub(super) fn encode(frame: &Frame) -> Vec<u8> {
+pub fn encode(frame: &Frame) -> Vec<u8> {
     let mut png = Vec::with_capacity(frame.rgb().len() / 2);
     PngEncoder::new_with_quality(&mut png, CompressionType::Fast, FilterType::Up)
         .write_image(frame.rgb(), frame.width(), frame.height(), ExtendedColorType::Rgb8)

@@ -61,6 +61,32 @@ pub(super) enum Column {
     Images(Vec<ByteArray>),
 }
 
+/// A column of a table of results.
+pub enum TableColumn {
+    /// `int64`
+    Ints(Vec<i64>),
+    /// `float32`
+    Floats(Vec<f32>),
+    /// `string`
+    Texts(Vec<String>),
+}
+
+/// A table of results as the bytes of a Parquet file.
+///
+/// # Errors
+/// Where the columns are not equally long, or cannot be written.
+pub fn table_bytes(columns: Vec<(String, TableColumn)>) -> Result<Vec<u8>> {
+    let columns = columns.into_iter().map(|(name, column)| {
+        let column = match column {
+            TableColumn::Ints(values) => Column::Ints(values),
+            TableColumn::Floats(values) => Column::Floats(values),
+            TableColumn::Texts(values) => Column::Texts(values),
+        };
+        (name, column)
+    });
+    to_parquet(columns.collect(), Vec::new())
+}
+
 /// A table as the bytes of a Parquet file of one row group, with notes in its footer.
 pub(super) fn to_parquet(columns: Vec<(String, Column)>, notes: Vec<(String, String)>) -> Result<Vec<u8>> {
     let fields = columns.iter().map(|(name, column)| column.field(name)).collect::<Result<_>>()?;

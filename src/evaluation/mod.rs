@@ -6,6 +6,8 @@ pub mod agreement;
 pub mod fidelity;
 pub mod hazards;
 pub mod metrics;
+pub mod oracle;
+pub mod paired;
 pub mod ranking;
 pub mod results;
 pub mod significance;
@@ -23,6 +25,8 @@ use crate::world_model::WorldModel;
 pub use agreement::{Agreement, kappa};
 pub use hazards::{HazardRanking, HazardTally};
 pub use metrics::{EpisodeMetrics, EventFigure, MeanSd, Summary, Tally};
+pub use oracle::Oracle;
+pub use paired::{Friedman, bootstrap, cliffs_delta, friedman, holm, wilcoxon};
 pub use ranking::auc;
 pub use results::Results;
 pub use significance::{Dunn, KruskalWallis, Untested, dunn, kruskal_wallis, untested};
@@ -54,6 +58,12 @@ impl TracksAlike {
 pub trait Policy {
     /// The action for what is seen, unless what it is chosen by is no number.
     fn act(&mut self, frame: &Frame) -> Result<Action, NotFinite>;
+
+    /// The same where a policy may look into the world itself. Only an [`Oracle`] does.
+    fn act_in(&mut self, world: &dyn World, frame: &Frame) -> Result<Action, NotFinite> {
+        let _ = world;
+        self.act(frame)
+    }
 
     /// Is told which action the world was given, which an aid may have changed.
     fn acted(&mut self, executed: Action);
@@ -110,8 +120,9 @@ pub fn evaluate_episode(
     let mut frame = world.reset(seed).map_err(|met| failed(0, met))?;
     for t in 0.. {
         let asked = Instant::now();
-        let action =
-            policy.act(&frame).map_err(|NotFinite(what)| NotFinite(format!("{what} at step {t}")))?;
+        let action = policy
+            .act_in(world, &frame)
+            .map_err(|NotFinite(what)| NotFinite(format!("{what} at step {t}")))?;
         let secs = asked.elapsed().as_secs_f64();
         let step = world.step(&action).map_err(|met| failed(t, met))?;
         let executed = step.executed.unwrap_or(action);

@@ -129,7 +129,7 @@ fn ranks(groups: &[&[f64]]) -> Option<Ranks> {
 }
 
 /// The probability that χ² with `df` degrees of freedom is at least `x`: a finite sum, for `df` is whole.
-fn chi_square_tail(x: f64, df: usize) -> f64 {
+pub(super) fn chi_square_tail(x: f64, df: usize) -> f64 {
     let half = x / 2.0;
     let (mut tail, mut term, mut below) = if df.is_multiple_of(2) {
         (0.0, (-half).exp(), 0.0)

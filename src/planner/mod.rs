@@ -240,9 +240,9 @@ fn evaluate(
         features.push(state.features());
         zs.push(state.z.shallow_clone());
     }
-    let rewards =
-        reward.rewards(&Tensor::cat(&features, 0), &scaled_actions_tensor(&by_time, model.ranges())); // [H · S]
-    let returns = to_vec(&rewards.view([horizon, n]).sum_dim_intlist(0, false, Kind::Float));
+    let scaled_actions = scaled_actions_tensor(&by_time, model.ranges()).view([horizon, n, -1]);
+    let rewards = reward.rewards(&Tensor::stack(&features, 0), &scaled_actions); // [H, S]
+    let returns = to_vec(&rewards.sum_dim_intlist(0, false, Kind::Float));
     if let Some(i) = returns.iter().position(|promised| !promised.is_finite()) {
         return Err(NotFinite(format!("what the planner promises itself of its course of action {}", i + 1)));
     }

@@ -10,7 +10,7 @@ use tch::{Kind, Tensor, nn};
 use crate::dream::Rows;
 use crate::query::{Label, SEGMENT_LEN, SegmentRef};
 use crate::reward::metrics::{Prediction, PredictionMetrics};
-use crate::reward::{RewardConfig, RewardEnsemble};
+use crate::reward::{RewardConfig, RewardEnsemble, Schedule};
 use crate::tensor::adam::pytorch_adam;
 use crate::tensor::{NotFinite, dims, from_slice, require_finite, to_vec};
 use crate::world::{Action, ActionRanges};
@@ -173,7 +173,10 @@ impl Trainer {
         self.begin_anew(rng);
         let n_epochs = self.ensemble.config.epochs(self.pairs.len());
         for epoch in 1..=n_epochs {
-            let left = 1.0 - (epoch - 1) as f64 / n_epochs as f64;
+            let left = match self.ensemble.config.schedule {
+                Schedule::Falling => 1.0 - (epoch - 1) as f64 / n_epochs as f64,
+                Schedule::Authors { .. } => 1.0,
+            };
             self.adam.set_lr(self.ensemble.config.learning_rate * left);
             let losses = self.epoch(rng);
             require_losses(&losses, epoch, "the reward")?;
@@ -222,11 +225,13 @@ impl Trainer {
         Ok(PredictionMetrics::of(&held_out.iter().map(|pair| rest.predict(pair)).collect::<Vec<_>>()))
     }
 
-    /// A fresh ensemble whose reward is 0 everywhere.
+    /// A fresh ensemble; ours has the reward 0 everywhere.
     fn begin_anew(&mut self, rng: &mut impl Rng) {
         self.ensemble = self.ensemble.fresh(rng);
         // DIFFERENCE: the authors begin with outputs as drawn: likes and dislikes by chance, which a short fit keeps.
-        self.ensemble.zero_output();
+        if self.ensemble.config.schedule == Schedule::Falling {
+            self.ensemble.zero_output();
+        }
         self.adam = self.ensemble.adam();
     }
 

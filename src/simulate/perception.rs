@@ -130,6 +130,14 @@ impl<'a> Eyes<'a> {
         }
     }
 
+    /// Watches a clip of one picture in so many steps.
+    pub fn watch_every(&self, clip: &[Frame], steps: usize) -> Perception {
+        match self.probe.readings() {
+            None => Perception::of_sights(Arc::clone(&self.meaning), &self.probe.sights_every(clip, steps)),
+            Some(readings) => self.perceived(readings, &self.probe.read_every(clip, steps), clip),
+        }
+    }
+
     /// What the numbers of a clip's pictures mean.
     fn perceived(&self, readings: &Readings, rows: &Rows, clip: &[Frame]) -> Perception {
         let chance = |logit: f32| 1.0 / (1.0 + (-logit).exp());
@@ -285,6 +293,15 @@ impl Perception {
 
     fn worths(&self, care: f32) -> impl Iterator<Item = f32> {
         self.progress.iter().zip(&self.nearness).map(move |(progress, near)| progress - care * near)
+    }
+
+    /// What each step is worth: its progress, or minus one unit of it where a safety event goes on, or what a justification is
+    /// about.
+    pub(super) fn rewards(&self) -> Vec<f32> {
+        let named = self.meaning.justifications.iter().flat_map(|(name, _)| self.meaning.about(name));
+        let bad: Vec<usize> = named.chain(self.meaning.safety.iter().copied()).collect();
+        let is_bad = |t: usize| bad.iter().any(|event| self.chances[*event][t] > 0.5);
+        (0..self.len()).map(|t| if is_bad(t) { -1.0 } else { self.progress[t] }).collect()
     }
 
     /// The pictures at which somebody who watches would say that it is unsafe now: once each time a safety event begins.

@@ -500,8 +500,13 @@ impl Probe {
 
     /// The same of each picture of a clip. Before the first [`gap`](Self::gap) nothing is known, so there nothing moves.
     pub fn read_clip(&self, clip: &[Frame]) -> Rows {
-        let n_still = self.gap().min(clip.len());
-        let earlier: Vec<_> = clip[..n_still].iter().chain(clip).take(clip.len()).cloned().collect();
+        self.read_every(clip, 1)
+    }
+
+    /// The same of a clip of one picture in so many steps.
+    pub(super) fn read_every(&self, clip: &[Frame], steps: usize) -> Rows {
+        let n_still = (self.gap() / steps).clamp(1, clip.len().max(1));
+        let earlier: Vec<_> = clip.iter().take(n_still).chain(clip).take(clip.len()).cloned().collect();
         self.read(&earlier, clip)
     }
 
@@ -512,7 +517,12 @@ impl Probe {
 
     /// The same of each picture of a clip. The motion in the first [`gap`](Self::gap) is that of the one after them.
     pub(super) fn sights_of(&self, clip: &[Frame]) -> Vec<Sight> {
-        let (mut sights, gap) = (sights(&self.read_clip(clip)), self.gap());
+        self.sights_every(clip, 1)
+    }
+
+    /// The same of a clip of one picture in so many steps.
+    pub(super) fn sights_every(&self, clip: &[Frame], steps: usize) -> Vec<Sight> {
+        let (mut sights, gap) = (sights(&self.read_every(clip, steps)), (self.gap() / steps).max(1));
         if let Some(&first) = sights.get(gap) {
             sights[..gap].iter_mut().for_each(|sight| *sight = sight.moving_as(&first));
         }

@@ -267,6 +267,16 @@ fn one_thread() {
     tch::set_num_threads(1);
 }
 
+/// Waits, while nobody is waited for.
+pub fn pause(time: std::time::Duration) {
+    std::thread::sleep(time);
+}
+
+/// How many processors there are.
+pub fn n_processors() -> usize {
+    std::thread::available_parallelism().map_or(1, usize::from)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

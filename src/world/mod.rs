@@ -91,6 +91,12 @@ pub trait World: Send {
         None
     }
 
+    /// The same world at the present moment, to go on by itself: to look ahead in it, as no real world allows, for scale.
+    /// Only a simulation can be copied.
+    fn copied(&self) -> Option<Box<dyn World>> {
+        None
+    }
+
     /// Its own way to act, where it has one: for recordings without a person.
     fn policy(&mut self) -> Option<&mut dyn OwnPolicy> {
         None

@@ -323,6 +323,15 @@ impl WorldModel {
         tch::no_grad(|| self.networks.mdn_rnn.mixture(&memory.h))
     }
 
+    /// The latents in what the reward reads.
+    ///
+    /// # Shapes
+    /// - `features`: `[…, Z + 2 M]`
+    /// - returns `[…, Z]`
+    pub fn latents_of(&self, features: &Tensor) -> Tensor {
+        features.narrow(-1, 0, self.config().mdn_rnn.latent)
+    }
+
     /// The pictures of latents.
     ///
     /// # Shapes

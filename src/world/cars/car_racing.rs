@@ -48,6 +48,10 @@ fn start(seed: Seed, trig: Trig) -> Lap {
 }
 
 impl Env for CarRacing {
+    fn copied(&self) -> Option<Box<dyn Env>> {
+        Some(Box::new(self.clone()))
+    }
+
     fn reset(&mut self, seed: Seed) {
         self.lap = start(seed, self.trig);
     }

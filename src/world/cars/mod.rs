@@ -87,6 +87,11 @@ pub trait Env: Send {
 
     /// The scene as a person sees it, at any size: `width · height · 3` bytes, anti-aliased.
     fn picture(&self, width: u32, height: u32) -> Vec<u8>;
+
+    /// The same simulation as it stands, to go on by itself; where it can be had.
+    fn copied(&self) -> Option<Box<dyn Env>> {
+        None
+    }
 }
 
 /// What a step brought.

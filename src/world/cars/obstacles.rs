@@ -328,6 +328,10 @@ fn distance([ax, ay]: [f64; 2], [bx, by]: [f64; 2]) -> f64 {
 }
 
 impl Env for ObstacleCarRacing {
+    fn copied(&self) -> Option<Box<dyn Env>> {
+        Some(Box::new(self.clone()))
+    }
+
     fn reset(&mut self, seed: Seed) {
         *self = Self::with_trig(seed, self.obstacles, self.aids, self.trig);
     }

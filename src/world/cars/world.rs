@@ -139,6 +139,11 @@ impl World for CarWorld {
         })
     }
 
+    fn copied(&self) -> Option<Box<dyn World>> {
+        let env = self.env.copied()?;
+        Some(Box::new(Self { spec: Arc::clone(&self.spec), env, pilot: None, goes_on: self.goes_on }))
+    }
+
     fn policy(&mut self) -> Option<&mut dyn OwnPolicy> {
         Some(self)
     }

@@ -183,6 +183,14 @@ impl<'a> TrainLoop<'a> {
             self.checkpoint(run)?;
             progress = Progress { epoch: self.state.epoch, held_out: Some(held_out), is_best, ..progress };
             run.log(&progress)?;
+            let network = if self.stage == Stage::Vae { "vision" } else { "memory" };
+            let curve = |name: &str| format!("{network}/{name}");
+            let points = [
+                (&*curve("loss"), progress.loss as f32),
+                (&*curve("held out"), held_out as f32),
+                (&*curve("learning rate"), progress.learning_rate as f32),
+            ];
+            run.plot(progress.epoch as u64, &points)?;
             if report(&progress).is_break() {
                 return Err(FitError::Stopped);
             }

@@ -1,0 +1,266 @@
+//! The folder of an experiment: what was asked, what each trial brought, and what it comes to.
+//!
+//! ```text
+//! experiment.toml      what is asked, at its scale
+//! trials/0003.jsonl    what trial 3 brought; written whole when it is done
+//! trials/0003.now      how far it is, while it runs
+//! trials/0003.error    why it came to nothing, if so
+//! results.csv          all rows; the same in results.parquet
+//! summary.md           what they come to, in words
+//! figures/*.svg        drawn; the same as *.png
+//! ```
+
+use std::io::ErrorKind;
+use std::path::{Path, PathBuf};
+
+use super::description::{Description, DescriptionError};
+use super::figures::{Figure, FigureError, figures};
+use super::summary::summary;
+use super::table::Rows;
+use crate::run::{RunError, make_folder, read_at_most, remove_file, write_whole};
+
+/// Bytes of a trial's rows, and of a description.
+const MOST: u64 = 1 << 28;
+
+/// Why a folder is none of an experiment.
+#[derive(Debug, thiserror::Error)]
+pub enum FolderError {
+    /// It cannot be read or written.
+    #[error(transparent)]
+    Run(#[from] RunError),
+    /// A file in it cannot be read.
+    #[error("cannot read {path:?}: {met}")]
+    Read {
+        /// Which.
+        path: PathBuf,
+        /// What was met.
+        met: std::io::Error,
+    },
+    /// It holds another experiment.
+    #[error("the folder {0:?} holds another experiment: choose another with --out, or remove it")]
+    Other(PathBuf),
+    /// There is none.
+    #[error("there is no experiment in {0:?}")]
+    None(PathBuf),
+    /// What is asked cannot be.
+    #[error("in {path:?}: {met}")]
+    Description {
+        /// Where.
+        path: PathBuf,
+        /// What was met.
+        met: DescriptionError,
+    },
+    /// The rows of a trial are none.
+    #[error("{path:?} holds no rows of a trial ({met}): remove it, and the trial is run again")]
+    Rows {
+        /// Where.
+        path: PathBuf,
+        /// What was met.
+        met: serde_json::Error,
+    },
+    /// A table cannot be made.
+    #[error("the table cannot be made: {0}")]
+    Table(String),
+    /// A figure cannot be drawn.
+    #[error(transparent)]
+    Figure(#[from] FigureError),
+}
+
+/// The folder of an experiment.
+#[derive(Clone, Debug)]
+pub struct Folder {
+    dir: PathBuf,
+    /// What is asked.
+    pub description: Description,
+}
+
+impl Folder {
+    /// The folder of `description` at `dir`, which is made where there is none: what was done in it stands.
+    ///
+    /// # Errors
+    /// Where another experiment is in it, or where it cannot be made.
+    pub fn begin(dir: &Path, description: Description) -> Result<Self, FolderError> {
+        match Self::open(dir) {
+            Ok(folder) if folder.description == description => return Ok(folder),
+            Ok(_) => return Err(FolderError::Other(dir.to_owned())),
+            Err(FolderError::None(_)) => {}
+            Err(met) => return Err(met),
+        }
+        make_folder(&dir.join("trials"))?;
+        write_whole(&dir.join("experiment.toml"), description.to_toml().as_bytes())?;
+        Ok(Self { dir: dir.to_owned(), description })
+    }
+
+    /// The experiment in `dir`.
+    ///
+    /// # Errors
+    /// Where there is none, or where it cannot be read.
+    pub fn open(dir: &Path) -> Result<Self, FolderError> {
+        let path = dir.join("experiment.toml");
+        let text = read(&path)?.ok_or_else(|| FolderError::None(dir.to_owned()))?;
+        let description = Description::from_toml(&text);
+        let description = description.map_err(|met| FolderError::Description { path, met })?;
+        Ok(Self { dir: dir.to_owned(), description })
+    }
+
+    /// Where it is.
+    pub fn dir(&self) -> &Path {
+        &self.dir
+    }
+
+    fn file(&self, trial: usize, kind: &str) -> PathBuf {
+        self.dir.join("trials").join(format!("{trial:04}.{kind}"))
+    }
+
+    /// What a trial brought, if it is done.
+    ///
+    /// # Errors
+    /// Where what is there cannot be read.
+    pub fn rows_of(&self, trial: usize) -> Result<Option<Rows>, FolderError> {
+        let path = self.file(trial, "jsonl");
+        let Some(text) = read(&path)? else { return Ok(None) };
+        Rows::from_lines(&text).map(Some).map_err(|met| FolderError::Rows { path, met })
+    }
+
+    /// The trials that are not done.
+    ///
+    /// # Errors
+    /// Where what is there cannot be read.
+    pub fn missing(&self) -> Result<Vec<usize>, FolderError> {
+        let mut missing = Vec::new();
+        for trial in self.description.trials() {
+            if self.rows_of(trial.index)?.is_none() {
+                missing.push(trial.index);
+            }
+        }
+        Ok(missing)
+    }
+
+    /// Keeps what a trial brought: it is done.
+    ///
+    /// # Errors
+    /// Where it cannot be written.
+    pub fn keep(&self, trial: usize, rows: &Rows) -> Result<(), FolderError> {
+        write_whole(&self.file(trial, "jsonl"), rows.to_lines().as_bytes())?;
+        for kind in ["now", "error"] {
+            remove_file(&self.file(trial, kind))?;
+        }
+        Ok(())
+    }
+
+    /// Notes how far a trial is, in words.
+    ///
+    /// # Errors
+    /// Where it cannot be written.
+    pub fn note(&self, trial: usize, now: &str) -> Result<(), FolderError> {
+        Ok(write_whole(&self.file(trial, "now"), now.as_bytes())?)
+    }
+
+    /// How far a trial is, in words, if it noted that.
+    pub fn noted(&self, trial: usize) -> Option<String> {
+        read(&self.file(trial, "now")).ok().flatten()
+    }
+
+    /// Notes why a trial came to nothing.
+    ///
+    /// # Errors
+    /// Where it cannot be written.
+    pub fn fail(&self, trial: usize, why: &str) -> Result<(), FolderError> {
+        write_whole(&self.file(trial, "error"), why.as_bytes())?;
+        Ok(remove_file(&self.file(trial, "now"))?)
+    }
+
+    /// Why a trial came to nothing, if it did.
+    pub fn failure(&self, trial: usize) -> Option<String> {
+        read(&self.file(trial, "error")).ok().flatten()
+    }
+
+    /// All rows of the trials that are done.
+    ///
+    /// # Errors
+    /// Where what is there cannot be read.
+    pub fn rows(&self) -> Result<Rows, FolderError> {
+        let mut all = Rows::default();
+        for trial in self.description.trials() {
+            all.0.extend(self.rows_of(trial.index)?.unwrap_or_default().0);
+        }
+        Ok(all)
+    }
+
+    /// Writes tables, words and figures of what is done, and returns the words.
+    ///
+    /// # Errors
+    /// Where they cannot be made or written.
+    pub fn collect(&self) -> Result<String, FolderError> {
+        let rows = self.rows()?;
+        let words = summary(&self.description, &rows, self.missing()?.len());
+        write_whole(&self.dir.join("results.csv"), rows.to_csv().as_bytes())?;
+        let parquet = rows.to_parquet().map_err(FolderError::Table)?;
+        write_whole(&self.dir.join("results.parquet"), &parquet)?;
+        write_whole(&self.dir.join("summary.md"), words.as_bytes())?;
+        let drawn = figures(&self.description, &rows)?;
+        let into = self.dir.join("figures");
+        if !drawn.is_empty() {
+            make_folder(&into)?;
+        }
+        for Figure { name, svg, png } in drawn {
+            write_whole(&into.join(format!("{name}.svg")), svg.as_bytes())?;
+            write_whole(&into.join(format!("{name}.png")), &png)?;
+        }
+        Ok(words)
+    }
+}
+
+/// The text of a file, if it is there.
+fn read(path: &Path) -> Result<Option<String>, FolderError> {
+    match read_at_most(path, MOST) {
+        Ok(bytes) => Ok(bytes.map(|bytes| crate::text::decoded(&bytes).into_owned())),
+        Err(met) if met.kind() == ErrorKind::NotFound => Ok(None),
+        Err(met) => Err(FolderError::Read { path: path.to_owned(), met }),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::experiment::table::made_up::rows;
+    use crate::experiment::{Scale, named};
+
+    #[test]
+    fn a_folder_goes_on_where_it_was_left() {
+        let dir = tempfile::tempdir().unwrap();
+        let at = dir.path().join("run");
+        assert!(matches!(Folder::open(&at), Err(FolderError::None(_))));
+        let asked = named("q3-justifications").unwrap().at(Scale::Toy);
+        let folder = Folder::begin(&at, asked.clone()).unwrap();
+        let n = asked.trials().len();
+        assert_eq!(folder.missing().unwrap(), (0..n).collect::<Vec<_>>());
+        folder.note(1, "playing steps: 3 of 60").unwrap();
+        folder.fail(2, "the world failed").unwrap();
+        assert_eq!(folder.failure(2).as_deref(), Some("the world failed"));
+        folder.keep(1, &rows()).unwrap();
+        let again = Folder::begin(&at, asked.clone()).unwrap();
+        assert_eq!((again.noted(1), again.missing().unwrap().len()), (None, n - 1));
+        assert_eq!(again.rows().unwrap(), rows());
+        let other = named("weights").unwrap();
+        assert!(matches!(Folder::begin(&at, other), Err(FolderError::Other(_))));
+    }
+
+    #[test]
+    fn what_is_done_is_collected_into_tables_words_and_figures() {
+        let dir = tempfile::tempdir().unwrap();
+        let asked = named("q3-justifications").unwrap().at(Scale::Toy);
+        let folder = Folder::begin(dir.path(), asked).unwrap();
+        folder.keep(0, &rows()).unwrap();
+        let words = folder.collect().unwrap();
+        assert!(words.contains("DROPJ"), "{words}");
+        for file in
+            ["results.csv", "results.parquet", "summary.md", "figures/return.svg", "figures/return.png"]
+        {
+            assert!(dir.path().join(file).is_file(), "{file}");
+        }
+        // Damage is said, with its place.
+        write_whole(&dir.path().join("trials/0000.jsonl"), b"{\"trial\": ").unwrap();
+        assert!(folder.collect().unwrap_err().to_string().contains("0000.jsonl"));
+    }
+}

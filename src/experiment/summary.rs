@@ -1,0 +1,284 @@
+//! What an experiment comes to, in words and tables: means with intervals over seeds, and which differ by the tests.
+
+use std::collections::BTreeMap;
+use std::fmt::Write as _;
+
+use rand::SeedableRng as _;
+use rand_chacha::ChaCha8Rng;
+
+use super::description::{Axis, Description};
+use super::table::{Measure, Row, Rows};
+use crate::evaluation::{bootstrap, cliffs_delta, dunn, friedman, holm, kruskal_wallis, wilcoxon};
+
+/// A probability below this is called a difference.
+const ALPHA: f64 = 0.05;
+/// More series than these are not compared pair by pair.
+const MOST_COMPARED: usize = 8;
+
+/// What was measured of a series at a place of the axis.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Point {
+    /// Where it is on the axis; its number among the series where that has no numbers.
+    pub x: f64,
+    /// For each seed of the whole chain the mean over its episodes, in the order of seeds.
+    pub of_seeds: Vec<f64>,
+    /// Every episode.
+    pub episodes: Vec<f64>,
+    /// The mean over seeds, and the bounds of its interval of 95 %.
+    pub mean: [f64; 3],
+}
+
+/// A series by its name, with its points in the order of the axis.
+pub type Series = (String, Vec<Point>);
+
+/// The series of a measure, in the order in which their trials come.
+pub fn series(description: &Description, rows: &Rows, measure: &Measure) -> Vec<Series> {
+    let (axis, differing) = (description.axis, rows.differing());
+    let mut names: Vec<String> = Vec::new();
+    let mut points: BTreeMap<(usize, u64), Vec<&Row>> = BTreeMap::new();
+    for row in &rows.0 {
+        let name = row.series(axis, &differing);
+        let at = names.iter().position(|known| *known == name).unwrap_or_else(|| {
+            names.push(name);
+            names.len() - 1
+        });
+        // In thousandths, to be compared.
+        let x = row.x(axis).unwrap_or(at as f64);
+        points.entry((at, (1e3 * x).round() as u64)).or_default().push(row);
+    }
+    let mut all: Vec<Series> = names.into_iter().map(|name| (name, Vec::new())).collect();
+    for ((at, x), rows) in points {
+        let mut of_seeds: BTreeMap<u64, Vec<f64>> = BTreeMap::new();
+        for row in &rows {
+            if let Some(value) = measure.of(row) {
+                of_seeds.entry(row.seed).or_default().push(value);
+            }
+        }
+        let episodes: Vec<f64> = of_seeds.values().flatten().copied().collect();
+        let means = of_seeds.into_values().map(|values| values.iter().sum::<f64>() / values.len() as f64);
+        let of_seeds: Vec<f64> = means.collect();
+        // The same rows give the same interval, whatever else is there.
+        let rng = &mut ChaCha8Rng::seed_from_u64(x);
+        if let Some(mean) = bootstrap(&of_seeds, rng) {
+            all[at].1.push(Point { x: x as f64 / 1e3, of_seeds, episodes, mean });
+        }
+    }
+    all.retain(|(_, points)| !points.is_empty());
+    all
+}
+
+/// All in words: Markdown.
+pub fn summary(description: &Description, rows: &Rows, n_missing: usize) -> String {
+    let mut text = format!("# {}\n\n{}.", description.name, description.title);
+    if !description.paper.is_empty() {
+        let _ = write!(text, " In the paper: {}.", description.paper);
+    }
+    let (trials, seeds) = (description.trials().len(), description.seeds.len());
+    let _ = write!(
+        text,
+        "\n\nIn {}: {trials} trials of {seeds} seeds, {} episodes; a chain has {} dreams of {} steps.",
+        description.world,
+        rows.0.len(),
+        description.dreams,
+        description.dream_steps
+    );
+    if n_missing > 0 {
+        let _ =
+            write!(text, " **{n_missing} of the trials are not done**, and what follows is without them.");
+    }
+    text.push('\n');
+    if rows.0.is_empty() {
+        return text;
+    }
+    for measure in rows.measures() {
+        let all = series(description, rows, &measure);
+        let _ = write!(text, "\n## {}\n\n", measure.title());
+        table(&mut text, description.axis, &measure, &all);
+        compare(&mut text, description, rows, &measure, &all);
+    }
+    disagreement(&mut text, rows);
+    let _ = writeln!(
+        text,
+        "\nIn brackets: the interval of 95 % of the mean over seeds of the whole chain (percentile bootstrap, 2000 draws). \
+         Nothing is said of a single seed."
+    );
+    text
+}
+
+/// A row for each series and place on the axis.
+fn table(text: &mut String, axis: Axis, measure: &Measure, all: &[Series]) {
+    let place = match axis {
+        Axis::Answers => "answers",
+        Axis::Minutes => "minutes",
+        Axis::CriticalMistakes => "% wrong",
+        Axis::Variants => "",
+    };
+    let has_place = !place.is_empty();
+    let _ = writeln!(
+        text,
+        "| | {}mean | of each seed |",
+        if has_place { format!("{place} | ") } else { String::new() }
+    );
+    let _ = writeln!(text, "|---|{}---:|---|", if has_place { "---:|" } else { "" });
+    for (name, points) in all {
+        for point in points {
+            let [mean, low, high] = point.mean.map(|value| measure.shown(value));
+            let interval = if point.of_seeds.len() > 1 { format!(" [{low}, {high}]") } else { String::new() };
+            let seeds: Vec<_> = point.of_seeds.iter().map(|value| measure.shown(*value)).collect();
+            let x = if has_place { format!("{:.0} | ", point.x) } else { String::new() };
+            let _ = writeln!(text, "| {name} | {x}{mean}{interval} | {} |", seeds.join(", "));
+        }
+    }
+}
+
+/// What differs, where the most is known: at the last place of each series.
+fn compare(text: &mut String, description: &Description, rows: &Rows, measure: &Measure, all: &[Series]) {
+    let last: Vec<(&str, &Point)> =
+        all.iter().filter_map(|(name, points)| Some((name.as_str(), points.last()?))).collect();
+    if last.len() < 2 {
+        return;
+    }
+    let n_seeds = last.iter().map(|(_, point)| point.of_seeds.len()).min().unwrap_or(0);
+    if n_seeds < 2 {
+        let _ = writeln!(text, "\nNothing is called different on one seed.");
+        return;
+    }
+    // The same seed and track for all: an episode of each is a block.
+    let blocks = blocks(description, rows, measure, &last);
+    text.push('\n');
+    if let Some(found) = friedman(&blocks) {
+        let _ = write!(
+            text,
+            "Paired by seed and track ({} blocks): Friedman χ² = {:.1}, p = {}. ",
+            blocks.len(),
+            found.chi2,
+            p(found.p)
+        );
+    }
+    let episodes: Vec<&[f64]> = last.iter().map(|(_, point)| &point.episodes[..]).collect();
+    if let Some(found) = kruskal_wallis(&episodes) {
+        let _ = write!(
+            text,
+            "As the paper tests, episodes taken for independent: Kruskal–Wallis H = {:.1}, p = {}. ",
+            found.h,
+            p(found.p)
+        );
+    }
+    text.push('\n');
+    if last.len() > MOST_COMPARED {
+        return;
+    }
+    let all_pairs: Vec<(usize, usize)> =
+        (0..last.len()).flat_map(|i| (i + 1..last.len()).map(move |j| (i, j))).collect();
+    let raw: Vec<f64> = all_pairs
+        .iter()
+        .map(|&(i, j)| {
+            let pairs: Vec<(f64, f64)> = blocks.iter().map(|block| (block[i], block[j])).collect();
+            wilcoxon(&pairs).unwrap_or(1.0)
+        })
+        .collect();
+    let (corrected, dunns) = (holm(&raw), dunn(&episodes));
+    text.push_str("\n| | difference of means over seeds | Cliff's δ | Wilcoxon, Holm | Dunn | |\n|---|---:|---:|---:|---:|---|\n");
+    for (n, &(i, j)) in all_pairs.iter().enumerate() {
+        let ((one, a), (other, b)) = (last[i], last[j]);
+        let differences: Vec<f64> = a.of_seeds.iter().zip(&b.of_seeds).map(|(a, b)| a - b).collect();
+        let interval = bootstrap(&differences, &mut ChaCha8Rng::seed_from_u64(n as u64));
+        let [mean, low, high] = interval.unwrap_or([f64::NAN; 3]);
+        let delta = cliffs_delta(&a.episodes, &b.episodes).unwrap_or(0.0);
+        let of_dunn = dunns.iter().find(|test| test.pair == (i, j)).map_or("–".to_owned(), |test| p(test.p));
+        let differs = corrected[n] < ALPHA && (low > 0.0 || high < 0.0);
+        let verdict = if differs { "differ" } else { "not told apart" };
+        let _ = writeln!(
+            text,
+            "| {one} − {other} | {} [{}, {}] | {delta:+.2} | {} | {of_dunn} | {verdict} |",
+            measure.shown(mean),
+            measure.shown(low),
+            measure.shown(high),
+            p(corrected[n])
+        );
+    }
+}
+
+/// For each seed and track that all of `last` drove, a value of each.
+fn blocks(
+    description: &Description,
+    rows: &Rows,
+    measure: &Measure,
+    last: &[(&str, &Point)],
+) -> Vec<Vec<f64>> {
+    let (axis, differing) = (description.axis, rows.differing());
+    let mut found: BTreeMap<(u64, u64), Vec<Option<f64>>> = BTreeMap::new();
+    for row in &rows.0 {
+        let name = row.series(axis, &differing);
+        let is_there = |(known, point): &(&str, &Point)| {
+            *known == name && row.x(axis).is_none_or(|x| (x - point.x).abs() < 1e-2)
+        };
+        if let Some(i) = last.iter().position(is_there) {
+            let block = found.entry((row.seed, row.track)).or_insert_with(|| vec![None; last.len()]);
+            block[i] = measure.of(row);
+        }
+    }
+    found.into_values().filter_map(|block| block.into_iter().collect()).collect()
+}
+
+/// How others agree with the trial's own annotator, where others answered.
+fn disagreement(text: &mut String, rows: &Rows) {
+    let mut of: BTreeMap<_, Vec<[f64; 2]>> = BTreeMap::new();
+    for row in &rows.0 {
+        if let (Some(critical), Some(other)) = (row.critical_disagreement, row.other_disagreement) {
+            of.entry(row.annotators).or_default().push([critical, other]);
+        }
+    }
+    for (annotators, shares) in of {
+        let mean = |i: usize| 100.0 * shares.iter().map(|share| share[i]).sum::<f64>() / shares.len() as f64;
+        let _ = writeln!(
+            text,
+            "\n{annotators:?} answers differ from careful ones in what is safe in {:.1} % of the queries that both answered, and \
+             otherwise in {:.1} %.",
+            mean(0),
+            mean(1)
+        );
+    }
+}
+
+/// A probability as people read it.
+fn p(value: f64) -> String {
+    if value < 1e-4 { "< 0.0001".to_owned() } else { format!("{value:.4}") }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::experiment::named;
+    use crate::experiment::table::made_up::rows;
+
+    fn asked() -> Description {
+        Description { seeds: vec![0, 1, 2], ..named("q3-justifications").unwrap() }
+    }
+
+    #[test]
+    fn a_series_has_a_point_for_each_place_and_a_mean_for_each_seed() {
+        let all = series(&asked(), &rows(), &Measure::Return);
+        assert_eq!(all.iter().map(|(name, _)| name.as_str()).collect::<Vec<_>>(), ["DROP", "DROPJ"]);
+        let point = &all[1].1[1];
+        assert_eq!((point.x, &point.of_seeds[..]), (100.0, &[1100.5, 1110.5, 1120.5][..]));
+        assert_eq!(point.episodes.len(), 6);
+        assert!((point.mean[0] - 1110.5).abs() < 1e-9 && point.mean[1] >= 1100.5 && point.mean[2] <= 1120.5);
+    }
+
+    #[test]
+    fn what_differs_on_every_seed_and_track_is_said_and_what_does_not_is_not() {
+        let text = summary(&asked(), &rows(), 2);
+        let line = |part: &str| {
+            text.lines().find(|line| line.contains(part)).unwrap_or_else(|| panic!("{part}: {text}"))
+        };
+        assert!(line("trials are not done").contains("**2 of"));
+        assert!(line("| DROPJ | 100 |").contains("1110 [") || line("| DROPJ | 100 |").contains("1111 ["));
+        assert!(line("DROP − DROPJ").contains("-400") && line("DROP − DROPJ").ends_with("| differ |"));
+        let bump = text.split("## bump").nth(1).unwrap();
+        assert!(bump.contains("25.0 %") && bump.contains("not told apart") && !bump.contains("| differ |"));
+        let alone = Rows(rows().0.into_iter().filter(|row| row.seed == 0).collect());
+        let text = summary(&asked(), &alone, 0);
+        assert!(text.contains("Nothing is called different on one seed") && !text.contains("| differ |"));
+    }
+}
