@@ -294,7 +294,7 @@ impl Run {
         append().map_err(|met| RunError::Disk { doing: "log metrics", met, path: path.clone() })
     }
 
-    /// Adds a point to each of the named curves, in an event file of TensorBoard.
+    /// Adds a point to each of the named curves, in an event file of `TensorBoard`.
     pub fn plot(&self, step: u64, points: &[(&str, f32)]) -> Result<(), RunError> {
         let path = self.file(curves::NAME)?;
         curves::append(&path, step, points).map_err(RunError::disk("add to the curves", &path))

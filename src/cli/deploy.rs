@@ -15,6 +15,7 @@ use dropj::run::{Kind, OutputFile};
 use dropj::session::{Header, SessionStore};
 use dropj::simulate::SeenReward;
 use dropj::world::{Action, World, event_slug};
+use dropj::world_model::WorldModel;
 use rand::SeedableRng as _;
 use rand_chacha::ChaCha8Rng;
 
@@ -116,18 +117,7 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
         Box::new(ensemble.for_inference())
     };
 
-    let planner = PlannerConfig::of(&env.spec, None).for_model(&model);
-    let planner = match options.planner {
-        PlannerName::Ours => planner,
-        PlannerName::Paper => planner.authors(&env.spec),
-    };
-    let planner = if is_sparse { planner.for_transitions() } else { planner };
-    let planner = options.run_file.over("planner", &planner, PlannerConfig::check)?.for_model(&model);
-    let horizon = options.horizon.map_or(planner.horizon, usize::from);
-    let brake = options.brake.or(planner.brake);
-    let given = options.memory_reset.map(|steps| (steps > 0).then_some(steps));
-    let memory_reset = given.unwrap_or(planner.memory_reset);
-    let config = PlannerConfig { horizon, brake, memory_reset, ..planner };
+    let config = planner_of(options, &env, &model, is_sparse)?;
     if let Some(all) = options.run_file.to_print() {
         print!("{}", all.with("env", env.name()).with("planner", &config).to_toml());
         return Ok(());
@@ -138,9 +128,7 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
     let n_steps = options.episodes as usize * env.spec.longest_episode;
     let mut steps = String::new();
     let mut world = env.open(options.aids.is_on())?;
-    let constant = candidates(&config, &mut ChaCha8Rng::seed_from_u64(0));
-    let straight_on = constant.first().and_then(|course| course.first()).copied();
-    let straight_on = straight_on.unwrap_or_else(|| Action::new(env.spec.neutral()));
+    let straight_on = first_action(&config, &env);
     for i in 0..options.episodes {
         let number = options.seed.wrapping_add(i);
         let seed = tracks.track(i);
@@ -194,6 +182,34 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
         println!("{}", table(&[(&name, summary)]));
     }
     Ok(())
+}
+
+/// How it is planned.
+fn planner_of(
+    options: &Options,
+    env: &ChosenWorld,
+    model: &WorldModel,
+    is_sparse: bool,
+) -> anyhow::Result<PlannerConfig> {
+    let planner = PlannerConfig::of(&env.spec, None).for_model(model);
+    let planner = match options.planner {
+        PlannerName::Ours => planner,
+        PlannerName::Paper => planner.authors(&env.spec),
+    };
+    let planner = if is_sparse { planner.for_transitions() } else { planner };
+    let planner = options.run_file.over("planner", &planner, PlannerConfig::check)?.for_model(model);
+    let horizon = options.horizon.map_or(planner.horizon, usize::from);
+    let brake = options.brake.or(planner.brake);
+    let given = options.memory_reset.map(|steps| (steps > 0).then_some(steps));
+    let memory_reset = given.unwrap_or(planner.memory_reset);
+    Ok(PlannerConfig { horizon, brake, memory_reset, ..planner })
+}
+
+/// What the planner could do first, throughout.
+fn first_action(config: &PlannerConfig, env: &ChosenWorld) -> Action {
+    let constant = candidates(config, &mut ChaCha8Rng::seed_from_u64(0));
+    let first = constant.first().and_then(|course| course.first()).copied();
+    first.unwrap_or_else(|| Action::new(env.spec.neutral()))
 }
 
 /// What happened in an episode: `grass 0.2 %, new tile 31.0 %, `.

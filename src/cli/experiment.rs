@@ -28,6 +28,7 @@ const ASK: Duration = Duration::from_secs(5);
 const NOTE: Duration = Duration::from_secs(2);
 
 #[derive(Debug, clap::Args)]
+#[expect(clippy::struct_excessive_bools, reason = "flags of a command line")]
 pub(crate) struct Options {
     /// The experiment: one of those that --list tells, or a file that describes one
     #[arg(value_name = "NAME|FILE", required_unless_present_any = ["list", "task", "collect"])]
@@ -122,9 +123,9 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
     let dir = std::path::absolute(options.out.clone().unwrap_or_else(usual))?;
     let folder = Folder::begin(&dir, description)?;
     if options.slurm {
-        on_cluster(&folder, options)?
+        on_cluster(&folder, options)?;
     } else {
-        on_this_machine(&folder, options.jobs)?
+        on_this_machine(&folder, options.jobs)?;
     }
     if options.no_wait {
         return Ok(());
@@ -146,29 +147,28 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
 /// The description that is asked for.
 fn asked(options: &Options) -> anyhow::Result<Description> {
     let name = options.experiment.as_deref().unwrap_or_default();
-    let mut description = match named(name) {
-        Some(description) => description,
-        None => {
-            let path = Path::new(name);
-            anyhow::ensure!(
-                path.exists(),
-                "there is no experiment {:?}: named are {}, any other is in a file",
-                dropj::text::shown(name),
-                names().collect::<Vec<_>>().join(", ")
-            );
-            let bytes = read_at_most(path, MOST).with_context(|| format!("cannot read {path:?}"))?;
-            let bytes =
-                bytes.with_context(|| format!("no description has more than {MOST} bytes: {path:?}"))?;
-            let read = Description::from_toml(&dropj::text::decoded(&bytes));
-            read.with_context(|| format!("in the file {path:?}"))?
-        }
-    };
+    let mut description =
+        if let Some(description) = named(name) { description } else { in_file(Path::new(name))? };
     if !options.seeds.is_empty() {
         description.seeds.clone_from(&options.seeds);
     }
     let description = description.at(options.scale.scale());
     description.check()?;
     Ok(description)
+}
+
+/// The description in a file.
+fn in_file(path: &Path) -> anyhow::Result<Description> {
+    anyhow::ensure!(
+        path.exists(),
+        "there is no experiment {:?}: named are {}, any other is in a file",
+        dropj::text::shown(&path.to_string_lossy()),
+        names().collect::<Vec<_>>().join(", ")
+    );
+    let bytes = read_at_most(path, MOST).with_context(|| format!("cannot read {path:?}"))?;
+    let bytes = bytes.with_context(|| format!("no description has more than {MOST} bytes: {path:?}"))?;
+    let read = Description::from_toml(&dropj::text::decoded(&bytes));
+    read.with_context(|| format!("in the file {path:?}"))
 }
 
 /// Runs one trial here, and keeps what it brought.

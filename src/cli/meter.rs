@@ -6,6 +6,8 @@ use indicatif::{HumanDuration, ProgressBar, ProgressState, ProgressStyle};
 
 /// The time from one line to the next, where there is no terminal.
 const INTERVAL: Duration = Duration::from_secs(10);
+/// Nothing is known of a longer time that is left.
+const LONGEST: Duration = Duration::from_hours(24 * 365);
 
 /// What a person sees of a job: what is being done, how much of how much, how fast, and the time that is left.
 ///
@@ -79,11 +81,17 @@ fn style() -> ProgressStyle {
 /// The same as one line of text.
 fn line(what: &str, [done, n]: [usize; 2], rate: f64, left: Duration, more: &str) -> String {
     let more = if more.is_empty() { String::new() } else { format!("; {more}") };
+    if done == 0 || left > LONGEST {
+        return format!("{what}: {done} of {n}{more}");
+    }
     format!("{what}: {done} of {n}, {}, {} left{more}", per_second(rate), HumanDuration(left))
 }
 
-/// A rate to as many digits as tell something.
+/// A rate to as many digits as tell something: of what takes long, how many in an hour.
 fn per_second(rate: f64) -> String {
+    if rate > 0.0 && rate < 0.01 {
+        return format!("{:.1}/h", 3600.0 * rate);
+    }
     let digits = if rate < 10.0 { 2 } else { 0 };
     format!("{rate:.digits$}/s")
 }
@@ -96,6 +104,8 @@ mod tests {
     fn a_line_tells_what_how_much_how_fast_and_how_long() {
         let told = line("playing", [1500, 4000], 250.0, Duration::from_secs(10), "");
         assert_eq!(told, "playing: 1500 of 4000, 250/s, 10 seconds left");
+        let told = line("trials", [0, 5], 0.0, Duration::ZERO, "");
+        assert_eq!(told, "trials: 0 of 5", "where nothing is known");
         let told = line("learning", [1, 60], 0.5, Duration::from_mins(2), "loss 0.1234");
         assert_eq!(told, "learning: 1 of 60, 0.50/s, 2 minutes left; loss 0.1234");
     }

@@ -9,6 +9,7 @@ mod check_world;
 mod choices;
 mod chosen_world;
 mod compare;
+mod completions;
 mod convert;
 mod deploy;
 mod error;
@@ -34,6 +35,7 @@ mod script;
 mod settings;
 mod simulate;
 mod sparse;
+mod times;
 mod trace;
 mod window;
 mod words;
@@ -95,6 +97,8 @@ enum Command {
     Screen(screen::Options),
     /// Say who answered, how fast and how steadily, and how far they agree
     Agree(agree::Options),
+    /// Say how long answers take, by what is asked, of sessions and of the authors' answer files
+    Times(times::Options),
     /// Put the sessions of several annotators together
     Merge(agree::MergeOptions),
     /// Make a session with another's dreams and queries, for a second annotator to answer
@@ -103,6 +107,10 @@ enum Command {
     Repair(repair::Options),
     /// Print an episode step by step, in the columns of the reference traces
     Trace(trace::Options),
+    /// Write what completes the command line in a shell
+    Completions(completions::Options),
+    /// Write the manual page, with all subcommands
+    Man,
     /// Check a world's file, write a first one, or write the Python package that serves worlds
     World(world::Options),
 }
@@ -157,10 +165,13 @@ pub(crate) fn run(cli: Cli) -> anyhow::Result<()> {
         Some(Command::Replay(options)) => replay::run(&options),
         Some(Command::Screen(options)) => screen::run(&options),
         Some(Command::Agree(options)) => agree::run(&options),
+        Some(Command::Times(options)) => times::run(&options),
         Some(Command::Merge(options)) => agree::run_merge(&options),
         Some(Command::HandOn(options)) => agree::run_hand_on(&options),
         Some(Command::Repair(options)) => repair::run(&options),
         Some(Command::Trace(options)) => trace::run(&options),
+        Some(Command::Completions(options)) => completions::run(&options, Cli::command()),
+        Some(Command::Man) => completions::manual(Cli::command()),
         Some(Command::World(options)) => world::run(&options),
     }
 }

@@ -3,6 +3,7 @@
 //! Takes a policy and returns numbers. Every method drives the same tracks.
 
 pub mod agreement;
+pub mod diversity;
 pub mod fidelity;
 pub mod hazards;
 pub mod metrics;
@@ -12,6 +13,7 @@ pub mod ranking;
 pub mod results;
 pub mod significance;
 pub mod table;
+pub mod times;
 
 use std::ops::ControlFlow;
 use std::time::Instant;
@@ -23,6 +25,7 @@ use crate::world::{Action, Frame, World, WorldError};
 use crate::world_model::WorldModel;
 
 pub use agreement::{Agreement, kappa};
+pub use diversity::diversity;
 pub use hazards::{HazardRanking, HazardTally};
 pub use metrics::{EpisodeMetrics, EventFigure, MeanSd, Summary, Tally};
 pub use oracle::Oracle;
@@ -31,6 +34,7 @@ pub use ranking::auc;
 pub use results::Results;
 pub use significance::{Dunn, KruskalWallis, Untested, dunn, kruskal_wallis, untested};
 pub use table::{aligned, table};
+pub use times::{AnswerTimes, TimedAnswer};
 
 /// Which seed each episode has: the first plus its number, whatever the method.
 ///

@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 use super::mistakes::Mistakes;
 use crate::planner::PlannerConfig;
 use crate::query::{Justifications, Protocol, Strategy, Weights};
-use crate::reward::{RewardConfig, Schedule};
+use crate::reward::RewardConfig;
 use crate::simulate::player::Manner;
 use crate::simulate::{Annotator, SimulateConfig};
 use crate::world::WorldSpec;
@@ -137,10 +137,10 @@ impl Annotators {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Fit {
-    /// As we do: [`Schedule::Falling`].
+    /// As we do: [`Schedule::Falling`](crate::reward::Schedule).
     #[default]
     Ours,
-    /// As the authors do: [`Schedule::Authors`].
+    /// As the authors do: [`Schedule::Authors`](crate::reward::Schedule).
     Paper,
 }
 
@@ -434,11 +434,6 @@ impl Variant {
         }
         text
     }
-}
-
-/// Whether a reward is learned as the authors do.
-pub fn is_authors(config: &RewardConfig) -> bool {
-    matches!(config.schedule, Schedule::Authors { .. })
 }
 
 fn thousand() -> usize {

@@ -41,7 +41,7 @@ impl ArrayJob {
         let (dir, program) = (dir.display().to_string(), program.display().to_string());
         let mut text = format!(
             "#!/bin/bash\n#SBATCH --job-name=dropj-{name}\n#SBATCH --array={}%{}\n#SBATCH --cpus-per-task={}\n#SBATCH --open-mode=append\n\
-             #SBATCH --output={}/trials/%a.out\n",
+             #SBATCH --output=\"{}/trials/%a.out\"\n",
             ranges(tasks),
             self.at_a_time.max(1),
             self.cpus.max(1),
@@ -66,7 +66,7 @@ impl ArrayJob {
         let options =
             self.options.iter().fold(String::new(), |text, option| text + "#SBATCH " + option + "\n");
         format!(
-            "#!/bin/bash\n#SBATCH --job-name=dropj-{name}-collect\n#SBATCH --output={}/collect.out\n{options}exec {} experiment --collect \
+            "#!/bin/bash\n#SBATCH --job-name=dropj-{name}-collect\n#SBATCH --output=\"{}/collect.out\"\n{options}exec {} experiment --collect \
              --out {}\n",
             escaped(&dir),
             quoted(&program),
@@ -80,9 +80,9 @@ fn quoted(word: &str) -> String {
     format!("'{}'", word.replace('\'', "'\\''"))
 }
 
-/// A path in the head of a script, where `%` means something and blanks end a word.
+/// A path between quotes in the head of a script, where `%` means something.
 fn escaped(path: &str) -> String {
-    path.replace('\\', "\\\\").replace('%', "%%").replace(' ', "\\ ")
+    path.replace('\\', "\\\\").replace('"', "\\\"").replace('%', "%%")
 }
 
 #[cfg(test)]

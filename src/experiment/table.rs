@@ -43,6 +43,9 @@ pub struct Row {
     pub critical_disagreement: Option<f64>,
     /// Share of answers that differ otherwise.
     pub other_disagreement: Option<f64>,
+    /// How diverse the trajectories of the chain are that were labeled step by step, imagined again without noise.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub diversity: Option<f64>,
     /// The seed of the episode.
     pub track: u64,
     /// The sum of the world's rewards.
@@ -68,6 +71,8 @@ pub enum Measure {
     Unsafe,
     /// An event, by its key.
     Event(String),
+    /// How diverse labeled trajectories are.
+    Diversity,
 }
 
 impl Measure {
@@ -77,6 +82,7 @@ impl Measure {
             Self::Return => Some(row.ret),
             Self::Unsafe => Some(row.unsafe_rate),
             Self::Event(key) => row.events.get(key).copied().flatten(),
+            Self::Diversity => row.diversity,
         }
         .filter(|value| value.is_finite())
     }
@@ -86,6 +92,7 @@ impl Measure {
         match self {
             Self::Return => "return".to_owned(),
             Self::Unsafe => "unsafe steps".to_owned(),
+            Self::Diversity => "diversity of trajectories".to_owned(),
             Self::Event(key) => key.trim_end_matches("_rate").trim_end_matches("_count").replace('_', " "),
         }
     }
@@ -95,6 +102,7 @@ impl Measure {
         match self {
             Self::Return => "return".to_owned(),
             Self::Unsafe => "unsafe".to_owned(),
+            Self::Diversity => "diversity".to_owned(),
             Self::Event(key) => key.clone(),
         }
     }
@@ -102,7 +110,7 @@ impl Measure {
     /// Whether it is a share, which is shown in percent.
     pub fn is_share(&self) -> bool {
         match self {
-            Self::Return => false,
+            Self::Return | Self::Diversity => false,
             Self::Unsafe => true,
             Self::Event(key) => key.ends_with("_rate"),
         }
@@ -110,7 +118,11 @@ impl Measure {
 
     /// A value as people read it.
     pub fn shown(&self, value: f64) -> String {
-        if self.is_share() { format!("{:.1} %", 100.0 * value) } else { format!("{value:.0}") }
+        match self {
+            _ if self.is_share() => format!("{:.1} %", 100.0 * value),
+            Self::Diversity => format!("{value:.2}"),
+            _ => format!("{value:.0}"),
+        }
     }
 }
 
@@ -176,7 +188,7 @@ impl Differing {
     fn is_nothing(self, axis: Axis) -> bool {
         let answers = self.answers && !matches!(axis, Axis::Answers | Axis::Minutes);
         let critical = self.critical && axis != Axis::CriticalMistakes;
-        let rest = Self { answers, critical, ..self };
+        let rest = Self { critical, answers, ..self };
         rest == Self::default()
     }
 }
@@ -229,7 +241,7 @@ impl Rows {
     pub fn measures(&self) -> Vec<Measure> {
         let keys: BTreeSet<&String> = self.0.iter().flat_map(|row| row.events.keys()).collect();
         let events = keys.into_iter().map(|key| Measure::Event(key.clone()));
-        let all = [Measure::Return, Measure::Unsafe].into_iter().chain(events);
+        let all = [Measure::Return, Measure::Unsafe].into_iter().chain(events).chain([Measure::Diversity]);
         all.filter(|measure| self.0.iter().any(|row| measure.of(row).is_some())).collect()
     }
 
@@ -255,6 +267,9 @@ impl Rows {
         add("planner", &|row| said(&row.planner));
         add("critical_disagreement", &|row| some(row.critical_disagreement));
         add("other_disagreement", &|row| some(row.other_disagreement));
+        if self.0.iter().any(|row| row.diversity.is_some()) {
+            add("diversity", &|row| some(row.diversity));
+        }
         add("track", &|row| row.track.to_string());
         add("return", &|row| row.ret.to_string());
         add("unsafe_rate", &|row| row.unsafe_rate.to_string());
@@ -331,6 +346,7 @@ pub(super) mod made_up {
             planner: Plans::Ours,
             critical_disagreement: None,
             other_disagreement: None,
+            diversity: None,
             track,
             ret,
             unsafe_rate: 0.25,

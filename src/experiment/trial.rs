@@ -1,5 +1,6 @@
 //! A trial: dreams are played, queries are answered, and each variant learns and drives.
 
+use std::collections::BTreeSet;
 use std::ops::ControlFlow;
 
 use rand::SeedableRng as _;
@@ -9,20 +10,23 @@ use super::description::{Description, Plans, Trial, Variant};
 use super::table::Row;
 use crate::dream::{DreamEpisode, Rows as Features};
 use crate::evaluation::{
-    Agreement, EpisodeError, EpisodeMetrics, Oracle, PlanningPolicy, Policy, TracksAlike, evaluate_episode,
+    Agreement, EpisodeError, EpisodeMetrics, Oracle, PlanningPolicy, Policy, TracksAlike, diversity,
+    evaluate_episode,
 };
 use crate::planner::synthesis::SynthesisConfig;
 use crate::planner::{Agent, PlannerConfig};
-use crate::query::{JudgedTransition, LabeledQuery, Protocol, Response, SegmentRef, Transition};
+use crate::query::{
+    JudgedTransition, LabeledQuery, Protocol, Response, SegmentRef, TRAJECTORY_LEN, Transition,
+};
 use crate::reward::{
     EpochReport, RewardConfig, RewardModel, SparseConfig, fit_anew, fit_sparse_anew, segment_rows,
     transition_row,
 };
 use crate::simulate::run::{Answered, Progress, SimulateConfig};
 use crate::simulate::{AnsweredTransition, Probe, simulate, simulate_dros, simulate_request};
-use crate::tensor::NotFinite;
+use crate::tensor::{NotFinite, to_vec};
 use crate::world::World;
-use crate::world_model::WorldModel;
+use crate::world_model::{LatentState, Next, State, WorldModel, actions_tensor};
 
 /// Seconds that an answer takes a person, whatever is done with it (the paper's Table 2).
 fn seconds_an_answer(method: Protocol) -> f64 {
@@ -112,6 +116,10 @@ pub fn run_trial(
         (Vec::new(), Answers::Pairs(Vec::new()))
     };
     let features: Vec<Features> = dreams.iter().map(|dream| dream.features(ground.model)).collect();
+    let spread = match &answers {
+        Answers::Steps(all) => spread(ground.model, &dreams, &features, all),
+        Answers::Pairs(_) => None,
+    };
     let learner = Learner { trial, config: &config, ground, dreams: &dreams, features: &features };
     let n_episodes = variants.len() * description.episodes as usize;
     let mut rows = Vec::new();
@@ -119,8 +127,8 @@ pub fn run_trial(
         let first = variant.first.unwrap_or(answers.len()).min(answers.len());
         let learned = match (&answers, variant.plans) {
             (_, Plans::Oracle) => None,
-            (Answers::Pairs(all), _) => Some(learner.from_pairs(variant, &all[..first])?),
-            (Answers::Steps(all), _) => Some(learner.from_steps(&all[..first])?),
+            (Answers::Pairs(all), _) => Some(learner.learn_pairs(variant, &all[..first])?),
+            (Answers::Steps(all), _) => Some(learner.learn_steps(&all[..first])?),
         };
         let usual = PlannerConfig::of_model(ground.model);
         let usual = if trial.method.is_sparse() { usual.for_transitions() } else { usual };
@@ -149,7 +157,8 @@ pub fn run_trial(
                 return Err(TrialError::Stopped);
             }
             let metrics = driven.map_err(|met| TrialError::Episode { track, met })?;
-            rows.push(row(trial, variant, first, learned.as_ref(), track, &metrics));
+            let row = row(trial, variant, first, learned.as_ref(), track, &metrics);
+            rows.push(Row { diversity: spread, ..row });
         }
     }
     Ok(rows)
@@ -210,7 +219,7 @@ struct Learned {
 }
 
 impl Learner<'_> {
-    fn from_pairs(&self, variant: &Variant, answered: &[Answered]) -> Result<Learned, TrialError> {
+    fn learn_pairs(&self, variant: &Variant, answered: &[Answered]) -> Result<Learned, TrialError> {
         let model = self.ground.model;
         let (spec, weights) = (model.spec(), variant.weights(model.spec()));
         let responses: Vec<Response> = answered.iter().map(|it| self.said(variant, it)).collect();
@@ -263,7 +272,7 @@ impl Learner<'_> {
         variant.mistakes.made(right_answer, is_critical, &mut rng)
     }
 
-    fn from_steps(&self, answered: &[AnsweredTransition]) -> Result<Learned, TrialError> {
+    fn learn_steps(&self, answered: &[AnsweredTransition]) -> Result<Learned, TrialError> {
         let judged: Vec<JudgedTransition> = answered
             .iter()
             .filter_map(|&AnsweredTransition { query, transition, response }| match response {
@@ -285,6 +294,43 @@ impl Learner<'_> {
         let fitted = fitted.ok_or(TrialError::Stopped)?;
         Ok(Learned { reward: Box::new(fitted.reward), n_labels: judged.len(), agreement: None })
     }
+}
+
+/// How diverse the trajectories are that were labeled, on average.
+///
+/// Those that were played hold noise and those that were made do not, so that neighbours differ for that alone: all are imagined
+/// again from where they began, in the mean.
+fn spread(
+    model: &WorldModel,
+    dreams: &[DreamEpisode],
+    features: &[Features],
+    answered: &[AnsweredTransition],
+) -> Option<f64> {
+    const TEMPERATURE: f64 = 0.1;
+    let firsts: BTreeSet<(usize, usize)> =
+        answered.iter().map(|it| (it.transition.dream.0 as usize, it.transition.first)).collect();
+    let fits = |&(dream, first): &(usize, usize)| first + TRAJECTORY_LEN <= dreams[dream].len();
+    let firsts: Vec<_> = firsts.into_iter().filter(fits).collect();
+    if firsts.is_empty() {
+        return None;
+    }
+    let starts: Vec<LatentState> = firsts
+        .iter()
+        .map(|&(dream, first)| LatentState::from(&model.state_of(features[dream].row(first))))
+        .collect();
+    let mut state = State::side_by_side(&starts.iter().collect::<Vec<_>>());
+    let mut zs = vec![to_vec(&state.z)];
+    for t in 0..TRAJECTORY_LEN - 1 {
+        let actions: Vec<_> = firsts.iter().map(|&(dream, first)| dreams[dream].actions[first + t]).collect();
+        state = model.imagine(&state, &actions_tensor(&actions), Next::Mean { temperature: TEMPERATURE });
+        zs.push(to_vec(&state.z));
+    }
+    let width = model.config().mdn_rnn.latent as usize;
+    let of = |i: usize| {
+        let values = zs.iter().flat_map(|row| &row[i * width..(i + 1) * width]).copied().collect();
+        diversity(&Features { width, values })
+    };
+    Some((0..firsts.len()).map(of).sum::<f64>() / firsts.len() as f64)
 }
 
 fn row(
@@ -312,6 +358,7 @@ fn row(
         fit: variant.fit,
         planner: variant.plans,
         critical_disagreement: agreement.as_ref().map(|it| share(it.n_critical, it)),
+        diversity: None,
         other_disagreement: agreement.as_ref().map(|it| share(it.n_other(), it)),
         track,
         ret: f64::from(metrics.ret),

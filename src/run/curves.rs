@@ -1,4 +1,4 @@
-//! Curves where people look at curves: event files of TensorBoard, which other viewers read, too.
+//! Curves where people look at curves: event files of `TensorBoard`, which other viewers read, too.
 //!
 //! A file is a row of records; a record is the length of an event, the event, and a checksum of each:
 //!
@@ -116,7 +116,7 @@ mod tests {
         let shows = |event: &[u8], what: &[u8]| event.windows(what.len()).any(|part| part == what);
         assert!(shows(events[0], VERSION.as_bytes()));
         assert!(shows(events[1], b"vision/held out") && shows(events[1], &0.25f32.to_le_bytes()));
-        assert_eq!(events[1][9..12], [2 << 3, 0x80 | (300 & 0x7f) as u8, 2], "step 300");
+        assert_eq!(events[1][9..12], [2 << 3, 0x80 | 0x2c, 2], "step 300, seven bits a byte");
         assert!(shows(events[2], &0.125f32.to_le_bytes()) && !shows(events[2], b"held out"));
     }
 }

@@ -14,7 +14,7 @@ use super::handover::{Handover, Learned};
 use super::probe::{Probe, Reads};
 use crate::dream::{DreamEpisode, TEMPERATURE};
 use crate::planner::Snippets;
-use crate::tensor::{NotFinite, dims, to_vec};
+use crate::tensor::{NotFinite, to_vec};
 use crate::world::cars::{CarPlayer, Sight};
 use crate::world::{Action, Explorer, Frame, OwnPolicy as _, WorldSpec};
 use crate::world_model::{LatentState, Memory, Next, Noise, State, WorldModel, actions_tensor};
@@ -185,23 +185,36 @@ pub fn play(
     n_steps: usize,
     seed: u64,
 ) -> Result<DreamEpisode, NotFinite> {
-    let go_on = &mut |_| ControlFlow::Continue(());
-    let played = play_all(model, probe, &[(start, seed)], n_steps, Manner::Exploring, None, go_on);
+    let go_on = &mut |_, _: Option<&[Frame]>| ControlFlow::Continue(());
+    let playing = Playing { n_steps, manner: Manner::Exploring, learned: None };
+    let played = play_all(model, probe, &[(start, seed)], &playing, go_on);
     Ok(played?.into_iter().flatten().next().unwrap_or_else(|| unreachable!("nobody broke off")))
 }
 
-/// Dreams side by side, each from its start and with its own seed. `on_step` is told the count of steps.
+/// How dreams are played.
+#[derive(Debug)]
+pub struct Playing<'a> {
+    /// How long each is.
+    pub n_steps: usize,
+    /// What the player is after.
+    pub manner: Manner,
+    /// What a planner follows that drives in turns with the player, where something was learned.
+    pub learned: Option<&'a Learned>,
+}
+
+/// Is told the count of steps, and what was looked at in the last.
+pub type OnStep<'a> = dyn FnMut(usize, Option<&[Frame]>) -> ControlFlow<()> + 'a;
+
+/// Dreams side by side, each from its start and with its own seed.
 ///
-/// Where something was `learned`, the player and a planner that follows it drive in turns.
-/// Nothing comes where `on_step` breaks off. Where what is dreamed or planned is no number, that is the error.
+/// `on_step` is told the count of steps, and the pictures in which the last one began, one of each dream, where somebody looked
+/// at them. Nothing comes where `on_step` breaks off. Where what is dreamed or planned is no number, that is the error.
 pub fn play_all(
     model: &WorldModel,
     probe: &Probe,
     starts: &[(&LatentState, u64)],
-    n_steps: usize,
-    manner: Manner,
-    learned: Option<&Learned>,
-    on_step: &mut dyn FnMut(usize) -> ControlFlow<()>,
+    &Playing { n_steps, manner, learned }: &Playing<'_>,
+    on_step: &mut OnStep<'_>,
 ) -> Result<Option<Vec<DreamEpisode>>, NotFinite> {
     if starts.is_empty() {
         return Ok(Some(Vec::new()));
@@ -214,7 +227,7 @@ pub fn play_all(
     let mut handovers: Vec<_> =
         starts.iter().map(|(_, seed)| learned.map(|learned| Handover::new(learned, *seed))).collect();
     let mut noises: Vec<_> = starts.iter().map(|(_, seed)| ChaCha8Rng::seed_from_u64(*seed)).collect();
-    let mut state = side_by_side(starts);
+    let mut state = State::side_by_side(&starts.iter().map(|(start, _)| *start).collect::<Vec<_>>());
     let latent = model.config().mdn_rnn.latent;
     let mut views = matches!(knowledge, Knowledge::Car).then(|| Views::new(probe));
     for step in 0..n_steps {
@@ -243,7 +256,8 @@ pub fn play_all(
         let next = Next::Sample { temperature: TEMPERATURE, noise: &noise };
         state = model.imagine(&state, &actions_tensor(&actions), next);
         state.require_finite(&format!("step {} of the dreams", step + 1))?;
-        if on_step(step + 1).is_break() {
+        let view = views.as_ref().and_then(|views| views.of(step));
+        if on_step(step + 1, view).is_break() {
             return Ok(None);
         }
     }
@@ -262,6 +276,11 @@ impl<'a> Views<'a> {
         Self { probe, last: Vec::new() }
     }
 
+    /// The pictures of this step, where it was one in which they looked.
+    fn of(&self, step: usize) -> Option<&[Frame]> {
+        self.last.last().filter(|_| step.is_multiple_of(CarPlayer::VIEW_STEPS)).map(Vec::as_slice)
+    }
+
     /// What each sees in this step, where it is one in which they look.
     fn look(&mut self, step: usize, model: &WorldModel, state: &State) -> Option<Vec<Sight>> {
         if !step.is_multiple_of(CarPlayer::VIEW_STEPS) {
@@ -277,20 +296,6 @@ impl<'a> Views<'a> {
         let earlier = if self.last.len() > n_between { &self.last[0] } else { now };
         Some(self.probe.sights(earlier, now))
     }
-}
-
-/// The starts as one batch.
-fn side_by_side(starts: &[(&LatentState, u64)]) -> State {
-    let states: Vec<State> = starts.iter().map(|(start, _)| State::from(*start)).collect();
-    let all = |part: &dyn Fn(&State) -> Tensor| Tensor::cat(&states.iter().map(part).collect::<Vec<_>>(), 0);
-    let z = all(&|state| state.z.shallow_clone());
-    let [b, _] = dims(&z);
-    assert_eq!(b as usize, starts.len(), "one row a start");
-    let memory = Memory {
-        c: all(&|state| state.memory.c.shallow_clone()),
-        h: all(&|state| state.memory.h.shallow_clone()),
-    };
-    State { z, memory }
 }
 
 /// The state of the dream at `i` as a batch of one.

@@ -1,5 +1,6 @@
 //! The steps between the world model and the reward without a person: dreams are played, queries drawn and answered.
 
+use std::collections::BTreeMap;
 use std::ops::ControlFlow;
 
 use rand::{RngExt as _, SeedableRng as _};
@@ -9,7 +10,7 @@ use serde::{Deserialize, Serialize};
 use super::annotator::Annotator;
 use super::handover::Learned;
 use super::perception::{Eyes, Perception};
-use super::player::{Manner, play_all};
+use super::player::{Manner, Playing, play_all};
 use super::probe::Probe;
 use super::query_policy::QueryPolicy;
 use crate::dream::DreamEpisode;
@@ -19,7 +20,7 @@ use crate::query::{
     Weights, sample_queries,
 };
 use crate::reward::{EpochReport, RewardConfig, fit_anew, segment_rows};
-use crate::tensor::NotFinite;
+use crate::tensor::{NotFinite, from_slice};
 use crate::world::{Frame, WorldSpec};
 use crate::world_model::{LatentState, WorldModel};
 
@@ -201,19 +202,19 @@ pub fn simulate(
         let share = |n: usize| n * round / config.n_rounds..n * (round + 1) / config.n_rounds;
         let learned = (round > 0).then(|| simulated.learned(model, config)).transpose()?;
         let (steps, n_dreams) = (config.dream_steps, config.n_dreams);
-        let on_step = &mut |step| on_progress(Progress::Played(step, steps));
-        let dreams = play_all(
-            model,
-            probe,
-            &starts[share(n_dreams)],
-            steps,
-            config.manner,
-            learned.as_ref(),
-            on_step,
-        )?;
+        let these = &starts[share(n_dreams)];
+        let mut seen: Vec<BTreeMap<usize, Frame>> = vec![BTreeMap::new(); these.len()];
+        let on_step = &mut |step: usize, view: Option<&[Frame]>| {
+            for (seen, frame) in seen.iter_mut().zip(view.into_iter().flatten()) {
+                seen.insert(step - 1, frame.clone());
+            }
+            on_progress(Progress::Played(step, steps))
+        };
+        let playing = Playing { n_steps: steps, manner: config.manner, learned: learned.as_ref() };
+        let dreams = play_all(model, probe, these, &playing, on_step)?;
         let Some(mut dreams) = dreams else { return Ok(None) };
-        for dream in &mut dreams {
-            pictures.push(decoded(model, dream));
+        for (dream, seen) in dreams.iter_mut().zip(seen) {
+            pictures.push(decoded(model, dream, seen));
             if config.strategy == Strategy::SafetyBoundary {
                 dream.unsafe_marks = eyes.watch(&pictures[pictures.len() - 1]).marks();
             }
@@ -261,10 +262,15 @@ fn answer(
     Answered { query, protocol, strategy, left, right, response }
 }
 
-/// Every picture of a dream.
-fn decoded(model: &WorldModel, dream: &DreamEpisode) -> Vec<Frame> {
-    let beginnings = (0..dream.len()).step_by(DECODED);
-    beginnings.flat_map(|i| dream.frames(model, i..(i + DECODED).min(dream.len()))).collect()
+/// Every picture of a dream, of which some were `seen` while it was played.
+fn decoded(model: &WorldModel, dream: &DreamEpisode, mut seen: BTreeMap<usize, Frame>) -> Vec<Frame> {
+    let missing: Vec<usize> = (0..dream.len()).filter(|t| !seen.contains_key(t)).collect();
+    for steps in missing.chunks(DECODED) {
+        let zs: Vec<f32> = steps.iter().flat_map(|t| dream.zs.row(*t)).copied().collect();
+        let frames = model.decode(&from_slice(&zs, &[steps.len() as i64, dream.zs.width as i64]));
+        seen.extend(steps.iter().copied().zip(frames));
+    }
+    seen.into_values().collect()
 }
 
 #[cfg(test)]

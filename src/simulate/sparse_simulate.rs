@@ -6,7 +6,7 @@ use rand::{RngExt as _, SeedableRng as _};
 use rand_chacha::ChaCha8Rng;
 
 use super::perception::Eyes;
-use super::player::play_all;
+use super::player::{Playing, play_all};
 use super::probe::Probe;
 use super::run::{Progress, SimulateConfig};
 use crate::dream::DreamEpisode;
@@ -16,6 +16,7 @@ use crate::query::{
 };
 use crate::reward::{RewardInputs, SparseConfig, SparseReward, fit_sparse_anew, transition_row};
 use crate::tensor::{NotFinite, from_slice};
+use crate::world::Frame;
 use crate::world_model::{LatentState, WorldModel};
 
 /// Pictures before a transition that are played with it.
@@ -111,8 +112,9 @@ pub fn simulate_dros(
         .map(|start| (start, u64::from(rng.random::<u32>())))
         .collect();
     let steps = config.dream_steps;
-    let on_step = &mut |step| on_progress(Progress::Played(step, steps));
-    let dreams = play_all(model, probe, &starts, steps, config.manner, None, on_step)?;
+    let on_step = &mut |step, _: Option<&[Frame]>| on_progress(Progress::Played(step, steps));
+    let playing = Playing { n_steps: steps, manner: config.manner, learned: None };
+    let dreams = play_all(model, probe, &starts, &playing, on_step)?;
     let Some(dreams) = dreams else { return Ok(None) };
     let lens: Vec<_> = (0..).map(DreamId).zip(dreams.iter().map(DreamEpisode::len)).collect();
     let mut simulated = SparseSimulation { dreams, wanted: Vec::new(), answers: Vec::new() };
