@@ -123,15 +123,13 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
         return Ok(());
     }
     let tracks = TracksAlike { seed: options.seed };
-    let mut episodes = Vec::new();
-    let mut meter = Meter::new();
+    let (mut episodes, mut meter) = (Vec::new(), Meter::new());
     let n_steps = options.episodes as usize * env.spec.longest_episode;
     let mut steps = String::new();
     let mut world = env.open(options.aids.is_on())?;
     let straight_on = first_action(&config, &env);
     for i in 0..options.episodes {
         let number = options.seed.wrapping_add(i);
-        let seed = tracks.track(i);
         let agent = Agent::new(config.clone(), number);
         let mut planning = PlanningPolicy::new(&model, &reward, agent);
         let mut oracle = Oracle::new(config.clone(), number);
@@ -140,7 +138,7 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
             Some(OracleName::World) => &mut oracle,
             _ => &mut planning,
         };
-        let metrics = evaluate_episode(&mut *world, seed, policy, |world, step| {
+        let metrics = evaluate_episode(&mut *world, tracks.track(i), policy, |world, step| {
             if options.steps.is_some() {
                 if steps.is_empty() {
                     steps = heading(world);
