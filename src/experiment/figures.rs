@@ -111,6 +111,13 @@ fn bounds(measure: &Measure, values: impl Iterator<Item = f64>) -> (f64, f64, f6
     (scale, if low < 0.0 { low * 1.05 } else { 0.0 }, if high < 1e-6 { 1.0 } else { high * 1.08 })
 }
 
+/// A number at an axis, with no more digits than it has.
+#[expect(clippy::trivially_copy_pass_by_ref, reason = "axes ask so")]
+fn number(value: &f64) -> String {
+    let text = format!("{value:.2}");
+    text.trim_end_matches('0').trim_end_matches('.').to_owned()
+}
+
 fn label(measure: &Measure) -> String {
     if measure.is_share() { format!("{} (%)", measure.title()) } else { measure.title() }
 }
@@ -178,10 +185,12 @@ fn bars<B: DrawingBackend>(
         .configure_mesh()
         .disable_x_mesh()
         .x_labels(0)
+        .y_label_formatter(&number)
         .y_desc(label(measure))
         .label_style((FONT, 14))
         .axis_desc_style((FONT, 16))
-        .light_line_style(BLACK.mix(0.04))
+        .max_light_lines(0)
+        .bold_line_style(BLACK.mix(0.12))
         .draw()
         .map_err(said)?;
     for (i, (name, points)) in all.iter().enumerate() {
@@ -216,9 +225,12 @@ fn grid<B: DrawingBackend>(chart: &mut Chart<'_, B>, x: &str, y: &str) -> Result
         .configure_mesh()
         .x_desc(x)
         .y_desc(y)
+        .x_label_formatter(&number)
+        .y_label_formatter(&number)
         .label_style((FONT, 14))
         .axis_desc_style((FONT, 16))
-        .light_line_style(BLACK.mix(0.04))
+        .max_light_lines(0)
+        .bold_line_style(BLACK.mix(0.12))
         .draw()
         .map_err(said)
 }

@@ -276,7 +276,7 @@ mod tests {
         assert!(line("| DROPJ | 100 |").contains("1110 [") || line("| DROPJ | 100 |").contains("1111 ["));
         assert!(line("DROP − DROPJ").contains("-400") && line("DROP − DROPJ").ends_with("| differ |"));
         let bump = text.split("## bump").nth(1).unwrap();
-        assert!(bump.contains("25.0 %") && bump.contains("not told apart") && !bump.contains("| differ |"));
+        assert!(bump.contains("12.5 %") && bump.contains("not told apart") && !bump.contains("| differ |"));
         let alone = Rows(rows().0.into_iter().filter(|row| row.seed == 0).collect());
         let text = summary(&asked(), &alone, 0);
         assert!(text.contains("Nothing is called different on one seed") && !text.contains("| differ |"));

@@ -240,9 +240,16 @@ impl Rows {
     /// What figures can show of them.
     pub fn measures(&self) -> Vec<Measure> {
         let keys: BTreeSet<&String> = self.0.iter().flat_map(|row| row.events.keys()).collect();
-        let events = keys.into_iter().map(|key| Measure::Event(key.clone()));
+        let events = keys.iter().map(|key| Measure::Event((*key).clone()));
         let all = [Measure::Return, Measure::Unsafe].into_iter().chain(events).chain([Measure::Diversity]);
-        all.filter(|measure| self.0.iter().any(|row| measure.of(row).is_some())).collect()
+        let is_known = |measure: &Measure| self.0.iter().any(|row| measure.of(row).is_some());
+        // Where only one thing must not happen, what is unsafe is that.
+        let is_told_twice = |measure: &Measure| {
+            let same =
+                |key: &String| self.0.iter().all(|row| row.events.get(key) == Some(&Some(row.unsafe_rate)));
+            *measure == Measure::Unsafe && keys.iter().any(|key| same(key))
+        };
+        all.filter(|measure| is_known(measure) && !is_told_twice(measure)).collect()
     }
 
     /// The columns of their table: names and values as text, an empty cell where there is none.
@@ -350,7 +357,7 @@ pub(super) mod made_up {
             track,
             ret,
             unsafe_rate: 0.25,
-            events: [("bump_rate".to_owned(), Some(0.25)), ("drop_rate".to_owned(), None)].into(),
+            events: [("bump_rate".to_owned(), Some(0.125)), ("drop_rate".to_owned(), None)].into(),
             steps: 1000,
         }
     }
