@@ -1,5 +1,7 @@
 //! Experiments as the command line runs them: killed and gone on with, they come to the same.
 
+#![cfg(unix)]
+
 use std::fs;
 use std::os::unix::process::CommandExt as _;
 use std::path::Path;
@@ -31,7 +33,7 @@ fn experiment(asked: &Path, out: &Path) -> Command {
 }
 
 fn finished(child: Child) -> String {
-    let output = child.wait_with_output().unwrap();
+    let output = child.wait_with_output().expect("it was started");
     let said = String::from_utf8_lossy(&output.stderr).into_owned();
     assert!(output.status.success(), "{said}");
     said
@@ -48,7 +50,7 @@ fn an_experiment_that_is_killed_goes_on_and_comes_to_the_same() {
     let first = torn.join("trials/0000.jsonl");
     let begun = Instant::now();
     while !first.exists() {
-        assert!(begun.elapsed() < Duration::from_secs(120), "the first trial is never done");
+        assert!(begun.elapsed() < Duration::from_mins(2), "the first trial is never done");
         std::thread::sleep(Duration::from_millis(20));
     }
     let group = rustix::process::Pid::from_child(&child);
