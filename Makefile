@@ -18,4 +18,8 @@ setup: ## Install the missing system packages (with apt) and libtorch (into .lib
 bench: setup ## Measure what a user feels: a plan, a dreamed step, the simulator
 	cargo bench --locked --profile dev --bench '*'
 
-.PHONY: help run test setup bench
+dist: setup ## Build a folder that runs without Rust and libtorch, as dist/dropj-VERSION-linux-x86_64.tar.zst
+	cargo build --locked
+	@.ci/dist
+
+.PHONY: help run test setup bench dist
