@@ -2,13 +2,13 @@
 
 use crate::dream::Rows;
 
-/// The sum over neighbours of the squared area that their normalized vectors span.
+/// The sum over neighbors of the squared area that their normalized vectors span.
 ///
 /// ```text
 /// d = Σ_t det(MᵀM) = Σ_t (1 − cos² ∠(v_t, v_{t+1}))      in [0, T − 1]
 /// ```
 ///
-/// Identical neighbours add 0, orthogonal ones 1. A vector of length 0 has no direction and adds 0.
+/// Identical neighbors add 0, orthogonal ones 1. A vector of length 0 has no direction and adds 0.
 ///
 /// ```
 /// use dropj::dream::Rows;

@@ -298,7 +298,7 @@ impl Learner<'_> {
 
 /// How diverse the trajectories are that were labeled, on average.
 ///
-/// Those that were played hold noise and those that were made do not, so that neighbours differ for that alone: all are imagined
+/// Those that were played hold noise and those that were made do not, so that neighbors differ for that alone: all are imagined
 /// again from where they began, in the mean.
 fn spread(
     model: &WorldModel,
