@@ -8,6 +8,7 @@ mod check_reward;
 mod check_world;
 mod choices;
 mod chosen_world;
+mod clip;
 mod compare;
 mod completions;
 mod convert;
@@ -85,6 +86,8 @@ enum Command {
     Compare(compare::Options),
     /// Store a world model, a probe or a reward anew: in the layout of PyTorch, and in fewer bytes if that is asked
     Convert(convert::Options),
+    /// Write a query with its answer, or a dream, as a GIF to show
+    Clip(clip::Options),
     /// Write a session's answers and what they mean as a table, for other programs
     Labels(labels::Options),
     /// Write the reward of every step of a dream
@@ -159,6 +162,7 @@ pub(crate) fn run(cli: Cli) -> anyhow::Result<()> {
         Some(Command::Experiment(options)) => experiment::run(&options),
         Some(Command::Compare(options)) => compare::run(&options),
         Some(Command::Convert(options)) => convert::run(&options),
+        Some(Command::Clip(options)) => clip::run(&options),
         Some(Command::Labels(options)) => labels::run(&options),
         Some(Command::Reward(options)) => reward_on::run(&options),
         Some(Command::Export(options)) => export::run(&options),

@@ -16,6 +16,8 @@ pub enum Kind {
     Table,
     /// A picture, as PNG.
     Picture,
+    /// Pictures one after the other, as GIF.
+    Clip,
     /// What is noted for other programs, as JSON.
     Notes,
 }
@@ -26,6 +28,7 @@ impl Kind {
             Self::Network => "a file of network parameters",
             Self::Table => "a table",
             Self::Picture => "a PNG picture",
+            Self::Clip => "a GIF",
             Self::Notes => "a file of JSON",
         }
     }
@@ -40,6 +43,7 @@ impl Kind {
                 n_header.is_some_and(|n| n <= len - 8) && head.get(8) == Some(&b'{')
             }
             Self::Picture => head.starts_with(b"\x89PNG"),
+            Self::Clip => head.starts_with(b"GIF8"),
             Self::Notes => first == Some(&b'{'),
             Self::Table => {
                 let line = head.split(|&byte| byte == b'\n').next().unwrap_or(head);
