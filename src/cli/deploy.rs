@@ -98,7 +98,9 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
     models::require(&model, &env)?;
     let probe = match options.oracle {
         Some(OracleName::Seen) => {
-            Some(models::probe(None, &env.named_world_model(options.world.as_deref()), &env)?)
+            let probe = models::probe(None, &env.named_world_model(options.world.as_deref()), &env)?;
+            probe.require(&model)?;
+            Some(probe)
         }
         _ => None,
     };

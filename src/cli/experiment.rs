@@ -211,7 +211,7 @@ fn trial_rows(folder: &Folder, trial: &Trial) -> anyhow::Result<Rows> {
         }
         ControlFlow::Continue(())
     };
-    let ground = Ground { model: &model, probe: &probe, open: &open };
+    let ground = Ground { spec: &world.spec, model: &model, probe: &probe, open: &open };
     Ok(Rows(run_trial(description, trial, &ground, &mut on_stage)?))
 }
 

@@ -8,7 +8,7 @@ use crate::planner::{PlannerConfig, candidates};
 use crate::tensor::NotFinite;
 use crate::world::{Action, EventKind, Frame, World};
 
-/// What a step costs in which something goes on that a justification is about: in the built-in worlds as much as a tile brings.
+/// What a step costs in which a safety event goes on: in the built-in worlds as much as a tile brings.
 const COST: f32 = 10.0;
 
 /// Tries every candidate of the planner in a copy of the world, and does what brought most.

@@ -13,8 +13,8 @@ use crate::evaluation::{
     Agreement, EpisodeError, EpisodeMetrics, Oracle, PlanningPolicy, Policy, TracksAlike, diversity,
     evaluate_episode,
 };
+use crate::planner::Agent;
 use crate::planner::synthesis::SynthesisConfig;
-use crate::planner::{Agent, PlannerConfig};
 use crate::query::{
     JudgedTransition, LabeledQuery, Protocol, Response, SegmentRef, TRAJECTORY_LEN, Transition,
 };
@@ -25,7 +25,7 @@ use crate::reward::{
 use crate::simulate::run::{Answered, Progress, SimulateConfig};
 use crate::simulate::{AnsweredTransition, Probe, simulate, simulate_dros, simulate_request};
 use crate::tensor::{NotFinite, to_vec};
-use crate::world::World;
+use crate::world::{World, WorldSpec};
 use crate::world_model::{LatentState, Next, State, WorldModel, actions_tensor};
 
 /// Seconds that an answer takes a person, whatever is done with it (the paper's Table 2).
@@ -41,6 +41,8 @@ fn seconds_an_answer(method: Protocol) -> f64 {
 
 /// Where trials take place.
 pub struct Ground<'a> {
+    /// What the world is. Its model may have been learned in one where more can happen.
+    pub spec: &'a WorldSpec,
     /// What was learned of the world.
     pub model: &'a WorldModel,
     /// Through which people are stood in for.
@@ -105,10 +107,9 @@ pub fn run_trial(
     ground: &Ground<'_>,
     on_stage: &mut dyn FnMut(Stage) -> ControlFlow<()>,
 ) -> Result<Vec<Row>, TrialError> {
-    let spec = ground.model.spec();
+    let spec = ground.spec;
     let variants = description.variants(trial.method);
-    let mut config = description.simulation(trial, spec);
-    config.planner = config.planner.for_model(ground.model);
+    let config = simulation(description, trial, ground);
     let learns = variants.iter().any(|variant| variant.plans != Plans::Oracle);
     let (dreams, answers) = if learns {
         dreamed(trial, &config, ground, on_stage)?
@@ -130,7 +131,7 @@ pub fn run_trial(
             (Answers::Pairs(all), _) => Some(learner.learn_pairs(variant, &all[..first])?),
             (Answers::Steps(all), _) => Some(learner.learn_steps(&all[..first])?),
         };
-        let usual = PlannerConfig::of_model(ground.model);
+        let usual = config.planner.clone();
         let usual = if trial.method.is_sparse() { usual.for_transitions() } else { usual };
         let planner = variant.planner(usual, spec);
         let tracks = TracksAlike { seed: description.first_track };
@@ -162,6 +163,12 @@ pub fn run_trial(
         }
     }
     Ok(rows)
+}
+
+/// What is simulated: what can be named, and how it is planned, as the file of the world says.
+fn simulation(description: &Description, trial: &Trial, ground: &Ground<'_>) -> SimulateConfig {
+    let config = description.simulation(trial, ground.spec);
+    SimulateConfig { planner: config.planner.clone().for_model(ground.model), ..config }
 }
 
 fn dreamed(
@@ -221,7 +228,7 @@ struct Learned {
 impl Learner<'_> {
     fn learn_pairs(&self, variant: &Variant, answered: &[Answered]) -> Result<Learned, TrialError> {
         let model = self.ground.model;
-        let (spec, weights) = (model.spec(), variant.weights(model.spec()));
+        let (spec, weights) = (self.ground.spec, variant.weights(self.ground.spec));
         let responses: Vec<Response> = answered.iter().map(|it| self.said(variant, it)).collect();
         let labels: Vec<LabeledQuery> = answered
             .iter()
@@ -365,5 +372,30 @@ fn row(
         unsafe_rate: f64::from(metrics.unsafe_rate),
         events: metrics.events.iter().map(|figure| (figure.key(), figure.value.map(f64::from))).collect(),
         steps: metrics.n_steps,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::experiment::named;
+    use crate::run::read_parameters;
+    use crate::session::worlds::asset;
+
+    #[test]
+    fn answers_name_what_can_happen_in_the_world_and_not_what_can_in_that_of_its_model() {
+        let read = |what: &str| {
+            read_parameters(&asset(&format!("{what}-obstacle-car-racing-compact.safetensors"))).unwrap()
+        };
+        let (model, probe) = (WorldModel::load(read("world")).unwrap(), Probe::load(&read("probe")).unwrap());
+        let description = named("q4-obstacles").unwrap();
+        let spec = WorldSpec::built_in(&description.world).unwrap();
+        assert!(model.spec().justifications.len() > spec.justifications.len(), "or this tells nothing");
+        let ground = Ground { spec: &spec, model: &model, probe: &probe, open: &|_| Err(String::new()) };
+        let config = simulation(&description, &description.trials()[0], &ground);
+        let named: Vec<_> = config.justifications.iter().map(|(_, name, _)| name).collect();
+        let wanted: Vec<_> =
+            spec.justifications.iter().map(|it| it.name.as_str()).chain(["default"]).collect();
+        assert_eq!(named, wanted);
     }
 }
