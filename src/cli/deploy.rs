@@ -106,7 +106,7 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
     };
     let mut is_sparse = false;
     let reward: Box<dyn RewardModel + '_> = if let Some(probe) = &probe {
-        Box::new(SeenReward::new(&model, probe))
+        Box::new(SeenReward::new(&model, probe, &env.spec))
     } else if let Some((_, reward)) = &kept {
         let dir = options.session.as_deref().unwrap_or(Path::new(""));
         let none = || format!("the session {dir:?} has no reward yet: fit one in the window");

@@ -6,6 +6,7 @@ use super::perception::Eyes;
 use super::probe::Probe;
 use crate::reward::RewardModel;
 use crate::tensor::{dims, from_slice};
+use crate::world::WorldSpec;
 use crate::world_model::WorldModel;
 
 /// Of so many imagined steps one is looked at: decoding is slow, and what happens lasts longer.
@@ -22,9 +23,9 @@ pub struct SeenReward<'a> {
 }
 
 impl<'a> SeenReward<'a> {
-    /// What `probe` sees in the pictures of `model`.
-    pub fn new(model: &'a WorldModel, probe: &'a Probe) -> Self {
-        Self { model, eyes: Eyes::new(probe, model.spec()) }
+    /// What `probe` sees in the pictures of `model`, of what can happen in the world `spec`.
+    pub fn new(model: &'a WorldModel, probe: &'a Probe, spec: &WorldSpec) -> Self {
+        Self { model, eyes: Eyes::new(probe, spec) }
     }
 }
 
@@ -64,11 +65,11 @@ mod tests {
         Net::new(&store.root(), config.clone(), rng);
         let probe = Probe::load(&Probe::parameters_of(&config, &store, None, String::new())).unwrap();
         let features = normal(rng, &[7, 3, model.config().n_features()]);
-        let rewards = SeenReward::new(&model, &probe)
+        let rewards = SeenReward::new(&model, &probe, model.spec())
             .rewards(&features, &Tensor::zeros([7, 3, 3], tch::kind::FLOAT_CPU));
         assert_eq!(rewards.size(), [7, 3]);
         assert_eq!(rewards.get(0), rewards.get(1), "one of two is looked at");
-        let other = SeenReward::new(&model, &probe).rewards(&features.flip([1]), &rewards);
+        let other = SeenReward::new(&model, &probe, model.spec()).rewards(&features.flip([1]), &rewards);
         assert_eq!(other.flip([1]), rewards, "each course by itself");
     }
 }
