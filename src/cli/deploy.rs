@@ -13,7 +13,7 @@ use dropj::planner::{Agent, PlannerConfig, candidates};
 use dropj::reward::{LearnedReward, RewardConfig, RewardEnsemble, RewardInputs, RewardModel};
 use dropj::run::{Kind, OutputFile};
 use dropj::session::{Header, SessionStore};
-use dropj::simulate::SeenReward;
+use dropj::simulate::{Probe, SeenReward};
 use dropj::world::{Action, World, event_slug};
 use dropj::world_model::WorldModel;
 use rand::SeedableRng as _;
@@ -96,14 +96,7 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
         (models::world_model(&path)?, env)
     };
     models::require(&model, &env)?;
-    let probe = match options.oracle {
-        Some(OracleName::Seen) => {
-            let probe = models::probe(None, &env.named_world_model(options.world.as_deref()), &env)?;
-            probe.require(&model)?;
-            Some(probe)
-        }
-        _ => None,
-    };
+    let probe = probe_of(options, &env, &model)?;
     let mut is_sparse = false;
     let reward: Box<dyn RewardModel + '_> = if let Some(probe) = &probe {
         Box::new(SeenReward::new(&model, probe, &env.spec))
@@ -182,6 +175,16 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
         println!("{}", table(&[(&name, summary)]));
     }
     Ok(())
+}
+
+/// What sees in imagined pictures, where that is asked for.
+fn probe_of(options: &Options, env: &ChosenWorld, model: &WorldModel) -> anyhow::Result<Option<Probe>> {
+    if options.oracle != Some(OracleName::Seen) {
+        return Ok(None);
+    }
+    let probe = models::probe(None, &env.named_world_model(options.world.as_deref()), env)?;
+    probe.require(model)?;
+    Ok(Some(probe))
 }
 
 /// How it is planned.
