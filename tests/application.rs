@@ -16,6 +16,7 @@ use dropj::planner::synthesis::SynthesisConfig;
 use dropj::query::{Preference, QueryId, Response, SafetyAnswer};
 use dropj::reward::RewardConfig;
 use dropj::session::{SessionStore, replay};
+use dropj::tensor::Backend;
 use dropj::worker::{DreamStart, LoadedWorld, Threads, WorkerConfig, Workers};
 use dropj::world::Action;
 use dropj::world::World as _;
@@ -44,6 +45,7 @@ impl Headless {
             planner: PlannerConfig::car_racing(),
             synthesis: SynthesisConfig::paper(),
             load: Arc::new(|path| unreachable!("nobody loads {path:?}")),
+            backend: Backend::cpu(),
         };
         let workers = Threads::new(config, Some(&world.parameters), || ());
         let app = App::new(Startup {

@@ -98,7 +98,7 @@ fn fuzz_worlds() {
 fn fuzz_rewards() {
     let model = corpus::model();
     let read = |bytes: &[u8]| {
-        Parameters::from_bytes(bytes).is_ok_and(|file| LearnedReward::load(&file, model.identity()).is_ok())
+        Parameters::from_bytes(bytes).is_ok_and(|file| LearnedReward::load(&file, &model).is_ok())
     };
     fuzz("rewards", &corpus::rewards(), 2, mutation::mend_safetensors, read);
 }

@@ -77,7 +77,7 @@ fn verdicts_are_there_when_the_session_is_opened_again_and_learned_from_again() 
     assert_eq!(again, losses, "the same processor computes the same");
     assert!(replayed.fits[0].agrees(&again), "of as many verdicts as there were");
     let (_, reward) = SessionStore::read_reward(&dir).unwrap();
-    let reward = LearnedReward::load(&reward.unwrap(), model.identity()).unwrap();
+    let reward = LearnedReward::load(&reward.unwrap(), &model).unwrap();
     assert!(reward.is_sparse(), "and what drives by it knows of which kind it is");
 }
 

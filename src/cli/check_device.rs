@@ -2,11 +2,16 @@
 
 use std::time::Duration;
 
-use dropj::reward::{RewardConfig, RewardEnsemble, RewardModel as _};
+use dropj::planner::{PlannerConfig, plan};
+use dropj::reward::{RewardConfig, RewardEnsemble, RewardInputs, RewardModel as _};
 use dropj::tensor::adam::Adam;
-use dropj::tensor::{Backend, DeviceChoice, normal};
+use dropj::tensor::{Backend, DeviceChoice, bytes_of_frames, normal};
+use dropj::world::{Action, Frame};
 use dropj::world_model::fit::{FitConfig, Speed, speed};
-use dropj::world_model::{MdnRnn, Memory, Mixture, Noise, Vae, WorldModelConfig};
+use dropj::world_model::{
+    LatentState, MdnRnn, Memory, Mixture, Next, Noise, State, Vae, WorldModelConfig, actions_tensor,
+    untrained,
+};
 use rand::SeedableRng as _;
 use rand_chacha::ChaCha8Rng;
 use tch::{Device, Kind, Tensor, nn};
@@ -162,7 +167,7 @@ fn made(backend: Backend, config: &WorldModelConfig) -> Made {
         .collect();
     let drawn = tch::no_grad(|| dreamed(&|mixture, t| mixture.sample(1.0, &noises[t as usize])));
     let reward = RewardEnsemble::new((config.n_features(), "none"), RewardConfig::car_racing(), rng);
-    let reward = reward.in_kind(backend.kind).on(backend.device);
+    let reward = reward.in_kind(backend.kind).on(backend);
     let scores = reward.rewards(&features, &actions.select(1, 0));
     made.push(("imagination, after 50 steps", features));
     made.push(("imagination, after 50 drawn steps", drawn));
@@ -173,5 +178,33 @@ fn made(backend: Backend, config: &WorldModelConfig) -> Made {
     }
     let loss = tch::no_grad(|| mdn_rnn.loss_in(kind, &zs, &actions, &lens));
     made.push(("memory, loss after a few updates", loss));
+    made.extend(used(backend, config));
     made
+}
+
+/// The same of a world model and a reward as the commands use them: what is given lies with the processor.
+fn used(backend: Backend, config: &WorldModelConfig) -> Made {
+    let rng = &mut ChaCha8Rng::seed_from_u64(2);
+    let model = untrained(config, rng).on(backend).unwrap_or_else(|e| unreachable!("just made: {e}"));
+    let frames = vec![Frame::new(
+        config.vae.height as u32,
+        config.vae.width as u32,
+        (0..3 * config.vae.height * config.vae.width).map(|i| (i % 251) as u8).collect::<Vec<_>>(),
+    )];
+    let state = State { z: model.observe(&frames), memory: model.no_memory(1) };
+    let neutral = Action::new(model.spec().neutral());
+    // As plain data, which comes from the processor. No draw, for a rounding could choose another component.
+    let state = State::from(&LatentState::from(&state));
+    let next = model.imagine(&state, &actions_tensor(&[neutral]), Next::Mean { temperature: 0.1 });
+    let painted = bytes_of_frames(&model.decode(&next.z)).to_kind(Kind::Float);
+    let reward = RewardEnsemble::new(RewardInputs::of(&model), RewardConfig::car_racing(), rng).on(backend);
+    let planner = PlannerConfig::of_model(&model);
+    let plan = plan(&model, &reward.for_inference(), &next, &planner, None, rng);
+    let plan = plan.unwrap_or_else(|e| unreachable!("networks as drawn make numbers: {e}"));
+    let returns: Vec<f32> = plan.candidates.iter().map(|candidate| candidate.predicted_return).collect();
+    vec![
+        ("a dreamed state", next.features()),
+        ("a dreamed picture", painted),
+        ("the returns of a plan", Tensor::from_slice(&returns)),
+    ]
 }

@@ -90,7 +90,7 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
     let model = models::of_session(&options.session, options.world.as_deref())?;
     let (session, parameters) = SessionStore::read_reward(&options.session)?;
     let parameters = parameters.context("this session has no reward yet: fit one with `dropj refit`")?;
-    let reward = LearnedReward::load(&parameters, model.identity())?;
+    let reward = LearnedReward::load(&parameters, &model)?;
     let rankings = match &options.data {
         Some(dir) => ranked(dir, options.episodes, &model, &reward)?,
         None => Vec::new(),

@@ -123,6 +123,26 @@ impl From<MannerName> for Manner {
     }
 }
 
+/// The option of commands that work with networks.
+#[derive(Clone, Debug, Default, clap::Args)]
+pub(crate) struct Computing {
+    /// On what to compute: auto (an accelerator, if there is one), cpu, cuda, cuda:N or mps; the same seed makes the same
+    /// numbers on the processor alone
+    #[arg(long, default_value = "auto")]
+    device: DeviceChoice,
+}
+
+impl Computing {
+    /// What computes; an accelerator that was found without being asked for is named.
+    pub(crate) fn backend(&self) -> Result<Backend, DeviceError> {
+        let backend = Backend::of(self.device)?;
+        if self.device == DeviceChoice::Auto && !backend.is_cpu() {
+            eprintln!("computing on {backend}");
+        }
+        Ok(backend)
+    }
+}
+
 /// What computes; where that was left to the program, it says what it found.
 pub(crate) fn backend(choice: DeviceChoice) -> Result<Backend, DeviceError> {
     let backend = Backend::of(choice)?;

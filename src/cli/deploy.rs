@@ -19,7 +19,7 @@ use dropj::world_model::WorldModel;
 use rand::SeedableRng as _;
 use rand_chacha::ChaCha8Rng;
 
-use super::choices::{OracleName, PlannerName, Switch};
+use super::choices::{Computing, OracleName, PlannerName, Switch};
 use super::chosen_world::{ChosenWorld, chosen_world};
 use super::meter::Meter;
 use super::models;
@@ -76,6 +76,8 @@ pub(crate) struct Options {
     #[arg(long)]
     json: bool,
     #[command(flatten)]
+    computing: Computing,
+    #[command(flatten)]
     pub(crate) run_file: RunFile,
 }
 
@@ -96,6 +98,7 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
         (models::world_model(&path)?, env)
     };
     models::require(&model, &env)?;
+    let model = model.on(options.computing.backend()?)?;
     let probe = probe_of(options, &env, &model)?;
     let mut is_sparse = false;
     let reward: Box<dyn RewardModel + '_> = if let Some(probe) = &probe {
@@ -103,12 +106,13 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
     } else if let Some((_, reward)) = &kept {
         let dir = options.session.as_deref().unwrap_or(Path::new(""));
         let none = || format!("the session {dir:?} has no reward yet: fit one in the window");
-        let learned = LearnedReward::load(reward.as_ref().with_context(none)?, model.identity())?;
+        let learned = LearnedReward::load(reward.as_ref().with_context(none)?, &model)?;
         is_sparse = learned.is_sparse();
         Box::new(learned)
     } else {
         let rng = &mut ChaCha8Rng::seed_from_u64(options.random_reward.unwrap_or(0));
         let ensemble = RewardEnsemble::new(RewardInputs::of(&model), RewardConfig::car_racing(), rng);
+        let ensemble = ensemble.on(model.backend());
         Box::new(ensemble.for_inference())
     };
 
@@ -182,7 +186,7 @@ fn probe_of(options: &Options, env: &ChosenWorld, model: &WorldModel) -> anyhow:
     if options.oracle != Some(OracleName::Seen) {
         return Ok(None);
     }
-    let probe = models::probe(None, &env.named_world_model(options.world.as_deref()), env)?;
+    let probe = models::probe(None, &env.named_world_model(options.world.as_deref()), env, model.backend())?;
     probe.require(model)?;
     Ok(Some(probe))
 }

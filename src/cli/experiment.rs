@@ -199,7 +199,7 @@ fn trial_rows(folder: &Folder, trial: &Trial) -> anyhow::Result<Rows> {
     let file = world.named_world_model(description.world_model.as_deref().map(Path::new));
     let model = models::world_model(&file)?;
     models::require(&model, &world)?;
-    let probe = models::probe(None, &file, &world)?;
+    let probe = models::probe(None, &file, &world, model.backend())?;
     probe.require(&model)?;
     let open = |aids| world.open(aids).map_err(|met| met.to_string());
     let mut said: Option<Instant> = None;

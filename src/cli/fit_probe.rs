@@ -12,7 +12,7 @@ use dropj::tensor::Parameters;
 use dropj::world::cars::{Aids, CarWorld};
 use dropj::world_model::WorldModel;
 
-use super::choices::Precision;
+use super::choices::{Computing, Precision};
 use super::chosen_world::{ChosenWorld, chosen_world};
 use super::meter::Meter;
 use super::models;
@@ -47,6 +47,8 @@ pub(crate) struct Options {
     #[arg(long)]
     seed: Option<u64>,
     #[command(flatten)]
+    computing: Computing,
+    #[command(flatten)]
     pub(crate) run_file: RunFile,
 }
 
@@ -71,7 +73,7 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
         return Ok(());
     }
     let world = options.env.named_world_model(options.world.as_deref());
-    let model = models::world_model(&world)?;
+    let model = models::world_model(&world)?.on(options.computing.backend()?)?;
     models::require(&model, &options.env)?;
     let out = OutputFile::at(&options.out, Kind::Network)?;
     let (parameters, said) = match config.probe.reads {

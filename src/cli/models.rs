@@ -6,6 +6,7 @@ use anyhow::Context as _;
 use dropj::run::read_parameters;
 use dropj::session::SessionStore;
 use dropj::simulate::probe::Probe;
+use dropj::tensor::Backend;
 use dropj::world_model::WorldModel;
 
 use dropj::world::WorldSpec;
@@ -62,10 +63,15 @@ pub(crate) fn of_session(dir: &Path, path: Option<&Path>) -> anyhow::Result<Worl
 }
 
 /// The probe in `path`, or else that for the world model in the file `model`.
-pub(crate) fn probe(path: Option<&Path>, model: &Path, world: &ChosenWorld) -> anyhow::Result<Probe> {
+pub(crate) fn probe(
+    path: Option<&Path>,
+    model: &Path,
+    world: &ChosenWorld,
+    backend: Backend,
+) -> anyhow::Result<Probe> {
     let usual = world.probe(model);
     let path = path.unwrap_or(&usual);
     let parameters = read_parameters(path)
         .context("there is no usable probe; give one with --probe, or fit one with `dropj fit-probe`")?;
-    Probe::load(&parameters).with_context(|| format!("in the file {path:?}"))
+    Probe::load_on(&parameters, backend.device).with_context(|| format!("in the file {path:?}"))
 }

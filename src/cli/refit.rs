@@ -8,7 +8,7 @@ use dropj::reward::sparse::Rules;
 use dropj::reward::{RewardConfig, RewardEnsemble, SparseConfig};
 use dropj::session::{Event, SessionStore};
 
-use super::choices::FitName;
+use super::choices::{Computing, FitName};
 use super::error::CliError;
 use super::learn::{NO_ANSWERS, NO_VERDICTS, fit_reward, fit_sparse, sparse_config};
 use super::models;
@@ -54,6 +54,8 @@ pub(crate) struct Options {
     /// The session's world model, where it is not found by itself
     #[arg(long)]
     world: Option<PathBuf>,
+    #[command(flatten)]
+    computing: Computing,
     #[command(flatten)]
     pub(crate) run_file: RunFile,
 }
@@ -128,6 +130,7 @@ pub(crate) fn reweighted(
 pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
     tch::set_num_threads(2);
     let model = models::of_session(&options.session, options.world.as_deref())?;
+    let model = model.on(options.computing.backend()?)?;
     let mut store = SessionStore::open(&options.session, Some(model.identity()))?;
     let now = store.session().weights().clone();
     let weights = options.weights(&now)?;

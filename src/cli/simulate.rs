@@ -13,7 +13,7 @@ use dropj::session::{DreamSource, Header, NewSession, now, relative};
 use dropj::simulate::annotator::Annotator;
 use dropj::simulate::run::{Answered, Progress, SimulateConfig, simulate};
 
-use super::choices::{MannerName, ProtocolName, StrategyName};
+use super::choices::{Computing, MannerName, ProtocolName, StrategyName};
 use super::chosen_world::{ChosenWorld, chosen_world};
 use super::learn::{learn_reward, sparse_config};
 use super::meter::Meter;
@@ -79,6 +79,8 @@ pub(crate) struct Options {
     probe: Option<PathBuf>,
     #[command(flatten)]
     knobs: Knobs,
+    #[command(flatten)]
+    computing: Computing,
     #[command(flatten)]
     pub(crate) run_file: RunFile,
 }
@@ -225,10 +227,11 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
         return Ok(());
     }
     let world = env.named_world_model(options.world.as_deref());
-    let model = models::world_model(&world)?;
+    let backend = options.computing.backend()?;
+    let model = models::world_model(&world)?.on(backend)?;
     models::require(&model, env)?;
     config.planner = config.planner.for_model(&model);
-    let probe = models::probe(options.probe.as_deref(), &world, env)?;
+    let probe = models::probe(options.probe.as_deref(), &world, env, backend)?;
     probe.require(&model)?;
     let mut header = Header::of(&env.spec, config.protocols[0], options.seed, &model.hash(), now());
     header.config.weights.justifications = config.justifications.clone();

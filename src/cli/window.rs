@@ -17,6 +17,7 @@ use dropj::ui::{self, WindowStartup, system_pads};
 use dropj::worker::{Cause, DreamStart, LoadedWorld, Threads, WorkerConfig, Workers};
 use dropj::world_model::fit::FitConfig;
 
+use super::choices::Computing;
 use super::chosen_world::{ChosenWorld, chosen_world};
 use super::words::in_words;
 use super::{models, settings};
@@ -38,6 +39,8 @@ pub(crate) struct Options {
     /// The folder of recordings; without it data/ and the world's name
     #[arg(long)]
     data: Option<PathBuf>,
+    #[command(flatten)]
+    computing: Computing,
 }
 
 pub(crate) fn run(options: Options) -> anyhow::Result<()> {
@@ -73,6 +76,7 @@ pub(crate) fn run(options: Options) -> anyhow::Result<()> {
         planner: PlannerConfig::of(&env.spec, None),
         synthesis: SynthesisConfig::paper(),
         load: Arc::new(load),
+        backend: options.computing.backend()?,
     };
     let app = Startup {
         spec: Arc::clone(&env.spec),

@@ -63,6 +63,7 @@ impl DreamEpisode {
 fn batch(model: &WorldModel, features: &Tensor, frames: &[Frame]) -> Tensor {
     let (latent, m) = (model.config().mdn_rnn.latent, model.config().mdn_rnn.memory);
     let [b, _] = dims(features);
+    let features = &features.to_device(model.backend().device);
     let z = features.narrow(1, 0, latent);
     // The memory before a step is what its latents were drawn from.
     let memory = Memory { c: features.narrow(1, latent, m), h: features.narrow(1, latent + m, m) };
@@ -82,7 +83,7 @@ fn batch(model: &WorldModel, features: &Tensor, frames: &[Frame]) -> Tensor {
         triples.map(|at| apart(&at[1], &at[0], &at[2])).collect(),
         shown.iter().zip(&expected_frames).map(|(one, other)| apart(one, other, other)).collect(),
     ];
-    let [stir, flicker, startle] = pixels.map(|values| from_slice(&values, &[b]));
+    let [stir, flicker, startle] = pixels.map(|values| from_slice(&values, &[b]).to_device(z.device()));
     let reencoding = mean(&(again - &z).square()).sqrt();
     let surprise = mean(&expected.nll(&z));
     let norm = mean(&z.square()).sqrt();

@@ -230,8 +230,10 @@ fn evaluate(
     let (n, horizon) = (all.len() as i64, config.horizon as i64);
     let by_time: Vec<Action> =
         (0..config.horizon).flat_map(|t| all.iter().map(move |actions| actions[t])).collect();
-    let actions = actions_tensor(&by_time).view([horizon, n, model.ranges().n_axes() as i64]);
-    let mut state = state.repeated(n);
+    let device = model.backend().device;
+    let actions =
+        actions_tensor(&by_time).view([horizon, n, model.ranges().n_axes() as i64]).to_device(device);
+    let mut state = state.repeated(n).on(device);
     let (mut features, mut zs) = (vec![state.features()], vec![state.z.shallow_clone()]);
     // DIFFERENCE: the paper adds H + 1 rewards, the authors' code H (method §14.9): the state after the last action
     // is not needed.

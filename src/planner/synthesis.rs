@@ -5,7 +5,7 @@ use std::ops::ControlFlow;
 use rand::{Rng, RngExt as _};
 use rand_distr::{Distribution as _, StandardNormal};
 use serde::{Deserialize, Serialize};
-use tch::{Device, Kind, Tensor, nn};
+use tch::{Kind, Tensor, nn};
 
 use crate::dream::{DreamEpisode, Rows};
 use crate::query::TRAJECTORY_LEN;
@@ -94,17 +94,22 @@ pub fn synthesize(
     let beginnings = constant_beginnings(model.spec());
     let n_searches = beginnings.len() + 1;
     let starts: Vec<_> = wanted.iter().flat_map(|(start, _)| vec![*start; n_searches]).collect();
-    let start = State::side_by_side(&starts);
-    let store = nn::VarStore::new(Device::Cpu);
-    let mut actions =
-        store.root().var_copy("actions", &drawn_beginnings(&beginnings, wanted.len(), model.ranges(), rng)); // [B, 49, A]
+    let start = State::side_by_side(&starts).on(model.backend().device);
+    let device = model.backend().device;
+    let store = nn::VarStore::new(device);
+    let mut actions = store.root().var_copy(
+        "actions",
+        &drawn_beginnings(&beginnings, wanted.len(), model.ranges(), rng).to_device(device),
+    ); // [B, 49, A]
     let mut adam = pytorch_adam(&store, config.learning_rate);
-    let end =
-        |i: usize| Tensor::from_slice(&model.ranges().iter().map(|range| range[i]).collect::<Vec<f32>>());
+    let end = |i: usize| {
+        Tensor::from_slice(&model.ranges().iter().map(|range| range[i]).collect::<Vec<f32>>())
+            .to_device(device)
+    };
     let (low, high) = (end(0), end(1));
     let mut best: Vec<Option<(f32, Tensor, Tensor)>> = (0..starts.len()).map(|_| None).collect();
     for i in 0..config.iterations {
-        let references = seen.map(|seen| drawn(seen, rng));
+        let references = seen.map(|seen| drawn(seen, rng).to_device(device));
         let (zs, features) = imagined(model, &start, &actions, config.temperature);
         let losses = losses(reward, wanted, &zs, &features, &actions, references.as_ref(), n_searches);
         let values = to_vec(&losses.detach());
@@ -265,6 +270,8 @@ fn episode(start: &LatentState, zs: &Tensor, actions: &Tensor, spec: &WorldSpec)
 
 #[cfg(test)]
 mod tests {
+    use tch::Device;
+
     use rand::SeedableRng as _;
     use rand_chacha::ChaCha8Rng;
 

@@ -25,7 +25,8 @@ impl RewardEnsemble {
         let rows: Vec<Tensor> = pairs.iter().flatten().map(|rows| from_slice(rows, &shape)).collect();
         let (e, b) = (self.config.members, pairs.len() as i64);
         tch::no_grad(|| {
-            let rows = Tensor::stack(&rows, 0).to_kind(self.kind).view([1, b, 2, shape[0], shape[1]]);
+            let rows =
+                self.here(&Tensor::stack(&rows, 0)).to_kind(self.kind).view([1, b, 2, shape[0], shape[1]]);
             let returns = self.segment_returns(&rows.expand([e, -1, -1, -1, -1], false)); // [E, B, 2]
             let preferences = (returns.select(2, 0) - returns.select(2, 1)).sigmoid(); // [E, B]
             to_vec(&preferences.std_dim(0, false, false))

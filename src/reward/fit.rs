@@ -121,7 +121,8 @@ impl Trainer {
     pub fn add(&mut self, pair: &SegmentPair) {
         let shape = [SEGMENT_LEN as i64, self.ensemble.row_len()];
         let rows = Tensor::stack(&[from_slice(&pair.left, &shape), from_slice(&pair.right, &shape)], 0);
-        self.pairs.push(Pair { rows: rows.to_kind(self.ensemble.kind), label: pair.label });
+        let rows = self.ensemble.here(&rows).to_kind(self.ensemble.kind);
+        self.pairs.push(Pair { rows, label: pair.label });
         self.predictions.push(None);
     }
 
@@ -252,7 +253,8 @@ impl Trainer {
         let mus: Vec<f32> = picked().map(|pair| pair.label.mu()).collect();
         let (e, k) = (picks.len() as i64, SEGMENT_LEN as i64);
         let rows = rows.view([e, -1, 2, k, self.ensemble.row_len()]); // [E, B, 2, k, F + A]
-        let losses = loss(&self.ensemble.segment_returns(&rows), &Tensor::from_slice(&mus).view([e, -1]));
+        let mus = self.ensemble.here(&Tensor::from_slice(&mus)).view([e, -1]);
+        let losses = loss(&self.ensemble.segment_returns(&rows), &mus);
         self.adam.backward_step(&losses.sum(Kind::Float));
         to_vec(&losses.detach())
     }
@@ -300,7 +302,7 @@ impl RewardEnsemble {
     /// Another ensemble of the same shape that has learned nothing.
     fn fresh(&self, rng: &mut impl Rng) -> Self {
         let config: RewardConfig = self.config.clone();
-        Self::new(self.inputs.clone(), config, rng).in_kind(self.kind)
+        Self::new(self.inputs.clone(), config, rng).in_kind(self.kind).on(self.backend())
     }
 }
 

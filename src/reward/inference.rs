@@ -44,6 +44,7 @@ impl RewardModel for InferenceReward {
         shape.pop();
         tch::no_grad(|| {
             let [weight, bias] = &self.first;
+            let [features, scaled_actions] = [features, scaled_actions].map(|t| t.to_device(weight.device()));
             let rows = Tensor::cat(&[features, scaled_actions], -1).flatten(0, -2).to_kind(self.kind); // [N, F + A]
             let joint = bias.addmm(&rows, weight).leaky_relu(); // [N, E · hidden]
             let mut x = joint.view([joint.size()[0], self.n_members, -1]).transpose(0, 1); // [E, N, hidden]

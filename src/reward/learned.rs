@@ -3,8 +3,8 @@
 use tch::Tensor;
 
 use crate::reward::{InferenceReward, RewardEnsemble, RewardError, RewardModel, SparseReward};
-use crate::tensor::Parameters;
-use crate::world_model::ModelIdentity;
+use crate::tensor::{Backend, Parameters};
+use crate::world_model::{ModelIdentity, WorldModel};
 
 /// What a reward was learned from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -53,6 +53,22 @@ impl RewardNetworks {
         }
     }
 
+    /// Those in `parameters`, which must have been learned with this model, where that is computed.
+    pub fn over(parameters: &Parameters, model: &WorldModel) -> Result<Self, RewardError> {
+        let networks = Self::load(parameters)?;
+        networks.require(model.identity())?;
+        Ok(networks.on(model.backend()))
+    }
+
+    /// The same networks, computed by `backend`.
+    #[must_use]
+    fn on(self, backend: Backend) -> Self {
+        match self {
+            Self::Preferences(reward) => Self::Preferences(reward.on(backend)),
+            Self::Verdicts(reward) => Self::Verdicts(reward.on(backend)),
+        }
+    }
+
     /// The same reward as a planner is given it.
     pub fn for_inference(&self) -> LearnedReward {
         match self {
@@ -72,11 +88,9 @@ pub enum LearnedReward {
 }
 
 impl LearnedReward {
-    /// The reward in `parameters`, which must have been learned with the world model that is `wanted`.
-    pub fn load(parameters: &Parameters, wanted: &ModelIdentity) -> Result<Self, RewardError> {
-        let networks = RewardNetworks::load(parameters)?;
-        networks.require(wanted)?;
-        Ok(networks.for_inference())
+    /// The reward in `parameters`, which must have been learned with this model, where that is computed.
+    pub fn load(parameters: &Parameters, model: &WorldModel) -> Result<Self, RewardError> {
+        Ok(RewardNetworks::over(parameters, model)?.for_inference())
     }
 
     /// Whether it was learned from single transitions, for which a planner looks further ahead (method §11).

@@ -20,8 +20,8 @@ use crate::tensor::limits::{
     MAX_COUNT, MAX_LATENTS, MAX_LAYERS, MAX_MEMBERS, MAX_MEMORY, MAX_WIDTH, OutOfRange, named, within,
 };
 use crate::tensor::{
-    DescriptionError, LAYOUT, Parameters, ParametersError, Slot, described, describes, dims, from_slice,
-    uniform,
+    Backend, DescriptionError, LAYOUT, Parameters, ParametersError, Slot, described, describes, dims,
+    from_slice, uniform,
 };
 use crate::world::{Action, ActionRanges};
 use crate::world_model::{ModelIdentity, WorldModel, fast_kind};
@@ -406,11 +406,24 @@ impl RewardEnsemble {
         Self { kind, ..self }
     }
 
-    /// The same ensemble on a device.
+    /// The same ensemble, computed by `backend`.
     #[must_use]
-    pub fn on(mut self, device: Device) -> Self {
-        self.store.set_device(device);
+    pub fn on(mut self, Backend { device, kind }: Backend) -> Self {
+        if device != self.store.device() {
+            self.store.set_device(device);
+            self.kind = kind;
+        }
         self
+    }
+
+    /// What computes.
+    fn backend(&self) -> Backend {
+        Backend { device: self.store.device(), kind: self.kind }
+    }
+
+    /// A tensor where the networks are.
+    fn here(&self, tensor: &Tensor) -> Tensor {
+        tensor.to_device(self.store.device())
     }
 
     /// The shape of the ensemble, and how it is fitted.
@@ -446,7 +459,7 @@ impl RewardEnsemble {
     pub fn member_rewards(&self, features: &Tensor, scaled_actions: &Tensor) -> Tensor {
         let mut shape = features.size();
         shape[features.dim() - 1] = -1;
-        let rows = Tensor::cat(&[features, scaled_actions], -1); // […, F + A]
+        let rows = Tensor::cat(&[self.here(features), self.here(scaled_actions)], -1); // […, F + A]
         let rows = rows.view([-1, self.row_len()]).expand([self.config.members, -1, -1], false); // [E, N, F + A]
         shape.pop();
         shape.insert(0, self.config.members);

@@ -70,7 +70,7 @@ fn trainer_over<E>(
     rows: &mut impl FnMut(SegmentRef) -> Result<Vec<f32>, E>,
     rng: &mut ChaCha8Rng,
 ) -> Result<Trainer, E> {
-    let ensemble = RewardEnsemble::new(RewardInputs::of(model), config, rng);
+    let ensemble = RewardEnsemble::new(RewardInputs::of(model), config, rng).on(model.backend());
     let mut trainer = Trainer::new(ensemble);
     let mut labels = labels.to_vec();
     labels.sort_by_key(|labeled| labeled.query.id);

@@ -9,9 +9,9 @@ use crate::dream::Rows;
 use crate::query::Verdict;
 use crate::reward::{Header, RewardError, RewardInputs, RewardModel, require_model, stacked_slots};
 use crate::tensor::limits::{MAX_COUNT, MAX_LAYERS, MAX_MEMBERS, MAX_WIDTH, OutOfRange, within};
-use crate::tensor::{LAYOUT, Parameters, Slot, described, dims, from_slice, uniform};
+use crate::tensor::{Backend, LAYOUT, Parameters, Slot, described, dims, from_slice, uniform};
 use crate::world::{Action, ActionRanges};
-use crate::world_model::{ModelIdentity, fast_kind};
+use crate::world_model::ModelIdentity;
 
 /// How many classes there are.
 const N_CLASSES: i64 = Verdict::ALL.len() as i64;
@@ -202,9 +202,29 @@ impl SparseReward {
 
     /// The same networks, which learn no more and compute in whatever is quickest here.
     pub fn for_inference(&self) -> Self {
-        let mut frozen = Self::load(&self.parameters()).unwrap_or_else(|e| unreachable!("just written: {e}"));
+        let mut frozen = self.reloaded(&self.parameters());
         frozen.store.freeze();
-        Self { kind: fast_kind(), ..frozen }
+        Self { kind: Backend::on(self.store.device()).kind, ..frozen }
+    }
+
+    /// The same networks, computed by `backend`; they learn in full precision everywhere.
+    #[must_use]
+    pub fn on(mut self, backend: Backend) -> Self {
+        if backend.device != self.store.device() {
+            self.store.set_device(backend.device);
+        }
+        self
+    }
+
+    /// The networks in `parameters`, which were just written, where these are.
+    pub(super) fn reloaded(&self, parameters: &Parameters) -> Self {
+        let loaded = Self::load(parameters).unwrap_or_else(|e| unreachable!("just written: {e}"));
+        loaded.on(Backend::on(self.store.device()))
+    }
+
+    /// A tensor where the networks are.
+    pub(super) fn here(&self, tensor: &Tensor) -> Tensor {
+        tensor.to_device(self.store.device())
     }
 
     /// The logits of every member about its own rows.
@@ -227,7 +247,7 @@ impl SparseReward {
     /// - `rows`: `[N, F + A]`
     /// - returns `[E, N, 3]`
     pub(super) fn logits(&self, rows: &Tensor) -> Tensor {
-        self.forward(&rows.unsqueeze(0).expand([self.config.members, -1, -1], false))
+        self.forward(&self.here(rows).unsqueeze(0).expand([self.config.members, -1, -1], false))
     }
 
     /// What every member thinks of each class, through which gradients pass.
@@ -236,7 +256,7 @@ impl SparseReward {
     /// - `features`: `[N, F]`, `actions`: `[N, A]`, as driven
     /// - returns `[E, N, 3]`
     pub fn chances(&self, features: &Tensor, actions: &Tensor) -> Tensor {
-        self.logits(&Tensor::cat(&[features, actions], -1)).softmax(-1, Kind::Float)
+        self.logits(&Tensor::cat(&[self.here(features), self.here(actions)], -1)).softmax(-1, Kind::Float)
     }
 
     /// What is expected of each class on average: `1/E Σ_e Σ_c p_c R_c`.
@@ -245,7 +265,11 @@ impl SparseReward {
     /// - `chances`: `[E, N, 3]`
     /// - returns `[N]`
     pub fn expected(chances: &Tensor) -> Tensor {
-        (chances * worths()).sum_dim_intlist(-1, false, Kind::Float).mean_dim(0, false, Kind::Float)
+        (chances * worths().to_device(chances.device())).sum_dim_intlist(-1, false, Kind::Float).mean_dim(
+            0,
+            false,
+            Kind::Float,
+        )
     }
 }
 
@@ -254,13 +278,13 @@ impl RewardModel for SparseReward {
         let mut shape = features.size();
         shape.pop();
         tch::no_grad(|| {
-            let rows =
-                Tensor::cat(&[features, &as_driven(scaled_actions, &self.inputs.ranges)], -1).flatten(0, -2);
+            let actions = as_driven(&scaled_actions.to_device(Device::Cpu), &self.inputs.ranges);
+            let rows = Tensor::cat(&[self.here(features), self.here(&actions)], -1).flatten(0, -2);
             let logits = self.logits(&rows); // [E, N, 3]
             let rewards = match self.config.rules {
                 Rules::Joint => {
                     let class = logits.mean_dim(0, false, Kind::Float).argmax(-1, false);
-                    worths().index_select(0, &class)
+                    self.here(&worths()).index_select(0, &class)
                 }
                 Rules::Apart => Self::expected(&logits.softmax(-1, Kind::Float)),
             };
@@ -341,6 +365,11 @@ impl Examples {
         let classes: Vec<i64> = verdicts.iter().map(|verdict| verdict.class() as i64).collect();
         let rows = from_slice(&rows.concat(), &[n as i64, width as i64]);
         Self { rows, classes: Tensor::from_slice(&classes), n }
+    }
+
+    /// The same on a device.
+    pub(super) fn on(self, device: Device) -> Self {
+        Self { rows: self.rows.to_device(device), classes: self.classes.to_device(device), n: self.n }
     }
 
     /// `n / (n_classes · how many are of the class)`, and 0 for a class that is not there.

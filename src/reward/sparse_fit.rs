@@ -63,7 +63,7 @@ pub fn fit_sparse_anew<E: From<NotFinite>>(
     for JudgedTransition { transition, verdict, .. } in judged {
         examples.push((row(transition)?, verdict));
     }
-    let reward = SparseReward::new(RewardInputs::of(model), config, rng);
+    let reward = SparseReward::new(RewardInputs::of(model), config, rng).on(model.backend());
     Ok(fit(reward, examples, rng, on_epoch)?)
 }
 
@@ -78,14 +78,16 @@ fn fit(
     let n_held_out = (config.held_out * examples.len() as f64).round() as usize;
     let held_out =
         examples_of(examples.split_off(examples.len() - n_held_out.min(examples.len().saturating_sub(1))));
-    let training = examples_of(examples);
-    let (weights, mut adam) = (training.weights(), pytorch_adam(&reward.store, config.learning_rate));
+    let device = reward.store.device();
+    let (held_out, training) = (held_out.on(device), examples_of(examples).on(device));
+    let (weights, mut adam) =
+        (training.weights().to_device(device), pytorch_adam(&reward.store, config.learning_rate));
     let n_epochs = config.epochs(training.n);
     let (mut best, mut losses) = (None::<(HeldOut, crate::tensor::Parameters)>, Vec::new());
     for epoch in 1..=n_epochs {
         let n_losses = if config.rules == Rules::Joint { 1 } else { config.members as usize };
         let mut means = vec![0.0; n_losses];
-        let orders: Vec<Tensor> = (0..n_losses).map(|_| order(training.n, rng)).collect();
+        let orders: Vec<Tensor> = (0..n_losses).map(|_| order(training.n, rng).to_device(device)).collect();
         for start in (0..training.n).step_by(config.batch) {
             let len = config.batch.min(training.n - start) as i64;
             let picks: Vec<_> = orders.iter().map(|order| order.narrow(0, start as i64, len)).collect();
@@ -111,7 +113,7 @@ fn fit(
     require_finite(&reward.store, "the classifier")?;
     let held_out = best.as_ref().map(|(found, _)| *found);
     if let Some((_, parameters)) = best.filter(|_| config.keeps_best) {
-        reward = SparseReward::load(&parameters).unwrap_or_else(|e| unreachable!("just written: {e}"));
+        reward = reward.reloaded(&parameters);
     }
     Ok(Some(SparseFit { reward, losses, held_out }))
 }

@@ -18,9 +18,9 @@ use tch::{Device, Kind, Reduction, Tensor, nn};
 use super::probe::{Net, ProbeConfig, Reads};
 use crate::tensor::adam::Adam;
 use crate::tensor::limits::{MAX_COUNT, OutOfRange, within};
-use crate::tensor::{NotFinite, Parameters, from_frames, from_slice, normal, require_finite};
+use crate::tensor::{Backend, NotFinite, Parameters, from_frames_on, from_slice, normal, require_finite};
 use crate::world::{Frame, WorldSpec};
-use crate::world_model::{Encoder, Vae, WorldModel, fast_kind};
+use crate::world_model::{Encoder, Vae, WorldModel};
 
 pub use car::fit_car_probe;
 pub use events::{EventError, EventErrors, FitProbeError, fit_event_probe};
@@ -203,13 +203,17 @@ struct Painter<'a> {
 
 impl<'a> Painter<'a> {
     fn new(model: &'a WorldModel) -> Self {
-        let store = nn::VarStore::new(Device::Cpu);
+        let mut store = nn::VarStore::new(Device::Cpu);
         let config = model.config().vae.clone();
         let vae = Vae::new(&store.root(), config.clone(), Kind::Float, &mut ChaCha8Rng::seed_from_u64(0));
         let layout = model.identity().layout();
         let loaded = model.parameters().fill("vae", &config.slots(), layout, &store);
         loaded.unwrap_or_else(|e| unreachable!("the model was loaded from them: {e}"));
-        Self { model, encoder: vae.encoder.for_inference(fast_kind()) }
+        let Backend { device, kind } = model.backend();
+        if device != Device::Cpu {
+            store.set_device(device);
+        }
+        Self { model, encoder: vae.encoder.for_inference(kind) }
     }
 
     /// The same moments in paint.
@@ -227,8 +231,9 @@ impl<'a> Painter<'a> {
 
     /// The pictures as they are painted from latents that are drawn.
     fn repaint(&self, frames: &[Frame], rng: &mut ChaCha8Rng) -> Vec<Frame> {
-        let (mean, log_var) = tch::no_grad(|| self.encoder.encode(&from_frames(frames)));
-        let z = &mean + (log_var * 0.5).exp() * normal(rng, &mean.size());
+        let (mean, log_var) =
+            tch::no_grad(|| self.encoder.encode(&from_frames_on(self.model.backend().device, frames)));
+        let z = &mean + (log_var * 0.5).exp() * normal(rng, &mean.size()).to_device(mean.device());
         self.model.decode(&z)
     }
 }
@@ -238,11 +243,16 @@ fn learn<S>(
     config: &FitProbeConfig,
     lesson: &dyn Lesson<S>,
     examples: &[Example<S>],
+    device: Device,
     report: &mut dyn FnMut(usize, f64) -> ControlFlow<()>,
 ) -> Result<nn::VarStore, NotFinite> {
     let mut rng = ChaCha8Rng::seed_from_u64(config.seed);
-    let store = nn::VarStore::new(Device::Cpu);
+    let mut store = nn::VarStore::new(Device::Cpu);
+    // Drawn by the seed alone, wherever it is trained.
     let net = Net::new(&store.root(), config.probe.clone(), &mut rng);
+    if device != Device::Cpu {
+        store.set_device(device);
+    }
     let mut adam = Adam::new(&store);
     let mut order: Vec<usize> = Vec::new();
     let mut mean_loss = 0.0;
@@ -289,10 +299,11 @@ fn loss<S>(net: &Net, lesson: &dyn Lesson<S>, batch: &[&Example<S>], rng: &mut C
         now.push(example.now.clone());
         targets.push(lesson.targets(&example.shown, i < n_mirrored, is_still));
     }
-    let light = 1.0 + 0.04 * normal(rng, &[b as i64, 1, 1, 1]);
-    let shade = 0.02 * normal(rng, &[b as i64, 1, 1, 1]);
+    let device = net.device();
+    let light: Tensor = 1.0 + 0.04 * normal(rng, &[b as i64, 1, 1, 1]);
+    let shade: Tensor = 0.02 * normal(rng, &[b as i64, 1, 1, 1]);
     let [earlier, now] = [earlier, now].map(|frames| {
-        let pixels = from_frames(&frames) * &light + &shade;
+        let pixels = from_frames_on(device, &frames) * light.to_device(device) + shade.to_device(device);
         if n_mirrored == 0 {
             return pixels;
         }
@@ -302,14 +313,15 @@ fn loss<S>(net: &Net, lesson: &dyn Lesson<S>, batch: &[&Example<S>], rng: &mut C
     let outputs = net.forward(&earlier, &now);
     let of = |group: &Group, part: fn(&Targets) -> &Vec<f32>| {
         let all = targets.iter().flat_map(|targets| &part(targets)[group.from..group.from + group.n]);
-        from_slice(&all.copied().collect::<Vec<_>>(), &[b as i64, group.n as i64])
+        from_slice(&all.copied().collect::<Vec<_>>(), &[b as i64, group.n as i64]).to_device(device)
     };
     let losses = lesson.groups().into_iter().filter(|group| group.n > 0).map(|group| {
         let found = outputs.narrow(1, group.from as i64, group.n as i64);
         let wanted = of(&group, |targets| &targets.values);
         let loss = match &group.kind {
             GroupKind::Chances(counts) => {
-                let counts = counts.as_ref().map(|counts| from_slice(counts, &[group.n as i64]));
+                let counts =
+                    counts.as_ref().map(|counts| from_slice(counts, &[group.n as i64]).to_device(device));
                 found.binary_cross_entropy_with_logits(&wanted, None::<Tensor>, counts, Reduction::Mean)
             }
             GroupKind::Values(smooth) => {

@@ -12,12 +12,12 @@ use tch::{Device, Kind, Tensor, nn};
 use crate::dream::Rows;
 use crate::tensor::limits::{MAX_ACTIVATIONS, MAX_LAYERS, MAX_SIDE, MAX_WIDTH, OutOfRange, within};
 use crate::tensor::{
-    DescriptionError, LAYOUT, Parameters, ParametersError, Slot, described, describes, dims, from_frames,
-    layout_of, to_vec, uniform,
+    Backend, DescriptionError, LAYOUT, Parameters, ParametersError, Slot, described, describes, dims,
+    from_frames_on, layout_of, to_vec, uniform,
 };
 use crate::world::cars::{Sight, sight};
 use crate::world::{Frame, Size, WorldSpec};
-use crate::world_model::{Layer, WorldModel, fast_kind};
+use crate::world_model::{Layer, WorldModel};
 
 /// Seconds from the earlier picture to the present one, as near as whole steps come.
 const GAP_SECS: f64 = 0.08;
@@ -311,6 +311,11 @@ impl Net {
         Self { config, convs, hidden, out }
     }
 
+    /// Where the network is.
+    pub(super) fn device(&self) -> Device {
+        self.out[0].device()
+    }
+
     /// The raw outputs.
     ///
     /// # Shapes
@@ -320,8 +325,9 @@ impl Net {
         let [b, height, width, _] = dims::<4>(now);
         let wanted = [self.config.height, self.config.width];
         assert_eq!([height, width], wanted, "a probe sees frames of the size it was fitted on");
-        let kind = fast_kind();
-        let pair = Tensor::cat(&[now * 2.0 - 1.0, (now - earlier) * 2.0], 3); // [B, H, W, 6]
+        let Backend { device, kind } = Backend::on(self.device());
+        let (earlier, now) = (earlier.to_device(device), now.to_device(device));
+        let pair = Tensor::cat(&[&now * 2.0 - 1.0, (&now - earlier) * 2.0], 3); // [B, H, W, 6]
         let mut x = pair.permute([0, 3, 1, 2]).to_kind(kind);
         for (layer, [weight, bias]) in self.config.layers.iter().zip(&self.convs) {
             let (weight, bias) = (weight.to_kind(kind), bias.to_kind(kind));
@@ -396,6 +402,11 @@ pub struct Probe {
 impl Probe {
     /// The probe whose network `parameters` hold.
     pub fn load(parameters: &Parameters) -> Result<Self, ProbeError> {
+        Self::load_on(parameters, Device::Cpu)
+    }
+
+    /// The same on a device.
+    pub fn load_on(parameters: &Parameters, device: Device) -> Result<Self, ProbeError> {
         let told = describes::<ProbeConfig>(parameters.metadata("config").as_deref());
         let (layout, config) = told.map_err(ProbeError::Header)?;
         config.check().map_err(ProbeError::Config)?;
@@ -411,6 +422,9 @@ impl Probe {
         let net = Net::new(&store.root(), config, &mut ChaCha8Rng::seed_from_u64(0));
         parameters.fill("probe", &slots, layout, &store)?;
         store.freeze();
+        if device != Device::Cpu {
+            store.set_device(device);
+        }
         Ok(Self { net, readings })
     }
 
@@ -492,7 +506,9 @@ impl Probe {
         assert_eq!(earlier.len(), now.len(), "pictures come in pairs");
         let mut rows = Rows { width: self.net.config.n_outputs(), values: Vec::new() };
         for (earlier, now) in earlier.chunks(BATCH).zip(now.chunks(BATCH)) {
-            let outputs = tch::no_grad(|| self.net.forward(&from_frames(earlier), &from_frames(now)));
+            let device = self.net.device();
+            let [earlier, now] = [earlier, now].map(|frames| from_frames_on(device, frames));
+            let outputs = tch::no_grad(|| self.net.forward(&earlier, &now));
             rows.values.extend(to_vec(&outputs));
         }
         rows

@@ -114,7 +114,8 @@ impl QueryPolicy {
 impl Learner {
     fn new(model: &WorldModel, reward: &RewardConfig, seed: u64) -> Self {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
-        let ensemble = RewardEnsemble::new(RewardInputs::of(model), reward.clone(), &mut rng);
+        let ensemble =
+            RewardEnsemble::new(RewardInputs::of(model), reward.clone(), &mut rng).on(model.backend());
         let ranges = model.ranges().clone();
         Self {
             trainer: Trainer::new(ensemble),

@@ -145,7 +145,8 @@ pub fn simulate_request(
     assert!(!starts.is_empty(), "a trajectory needs a state to start from");
     let eyes = Eyes::new(probe, model.spec());
     let mut rng = ChaCha8Rng::seed_from_u64(config.seed);
-    let mut reward = SparseReward::new(RewardInputs::of(model), learning.clone(), &mut rng);
+    let mut reward =
+        SparseReward::new(RewardInputs::of(model), learning.clone(), &mut rng).on(model.backend());
     let mut simulated = SparseSimulation { dreams: Vec::new(), wanted: Vec::new(), answers: Vec::new() };
     for round in 0.. {
         let n_left = config.n_queries - simulated.answers.len();

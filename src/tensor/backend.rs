@@ -102,7 +102,12 @@ impl Backend {
             DeviceError::Absent { wanted: choice.to_string(), there }
         };
         let device = device.ok_or_else(absent)?;
-        Ok(Self { device, kind: kind_on(device) })
+        Ok(Self::on(device))
+    }
+
+    /// What computes on `device`, in its quickest arithmetic.
+    pub fn on(device: Device) -> Self {
+        Self { device, kind: kind_on(device) }
     }
 
     /// Whether it is the processor, on which the same seed makes the same numbers.

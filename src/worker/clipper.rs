@@ -6,18 +6,19 @@ use std::sync::mpsc::Receiver;
 
 use crate::dream::DreamEpisode;
 use crate::query::{DreamId, Query, SEGMENT_LEN, SegmentRef};
-use crate::tensor::{Parameters, from_slice};
+use crate::tensor::from_slice;
 use crate::worker::error::TaskError;
 use crate::worker::{ClipperCommand, LabelReport, Reports, Worker, WorkerError, WorkerName, one_thread};
 use crate::world::Frame;
-use crate::world_model::WorldModel;
+use crate::world_model::{Placed, WorldModel};
 
 const NAME: WorkerName = WorkerName::Clipper;
 /// Which picture of a clip stands for it in a list.
 pub const MIDDLE: usize = SEGMENT_LEN / 2;
 
 /// Starts a thread that decodes the clips of queries as `model` sees them.
-pub fn spawn(model: Parameters, reports: &Reports) -> Worker<ClipperCommand> {
+pub fn spawn(model: impl Into<Placed>, reports: &Reports) -> Worker<ClipperCommand> {
+    let model = model.into();
     Worker::spawn(NAME, reports, move |commands, reports| clip(&commands, &reports, model))
 }
 
@@ -25,7 +26,7 @@ pub fn spawn(model: Parameters, reports: &Reports) -> Worker<ClipperCommand> {
 pub fn clip(
     commands: &Receiver<ClipperCommand>,
     reports: &Reports,
-    model: Parameters,
+    model: impl Into<Placed>,
 ) -> Result<(), WorkerError> {
     one_thread();
     let model = WorldModel::load(model)?;

@@ -11,7 +11,7 @@ use crate::dream::{DreamEpisode, Rows};
 use crate::planner::{Plan, PlannerConfig, plan};
 use crate::query::{DreamId, Query, SEGMENT_LEN, SegmentRef};
 use crate::reward::LearnedReward;
-use crate::tensor::{NotFinite, Parameters};
+use crate::tensor::NotFinite;
 use crate::worker::error::TaskError;
 use crate::worker::plan_view::in_words;
 use crate::worker::reward_eval::RewardEvaluator;
@@ -19,17 +19,18 @@ use crate::worker::{
     ClipRewards, DreamInspectorCommand, DreamReport, DreamRewards, LabelReport, Latest, Promise, Reports,
     ReviewView, Worker, WorkerError, WorkerName, one_thread,
 };
-use crate::world_model::WorldModel;
+use crate::world_model::{Placed, WorldModel};
 
 const NAME: WorkerName = WorkerName::DreamInspector;
 
 /// Starts a thread that inspects dreams of `model`, plans as `planner` says, and shows steps in `view`.
 pub fn spawn(
-    model: Parameters,
+    model: impl Into<Placed>,
     planner: PlannerConfig,
     view: Latest<ReviewView>,
     reports: &Reports,
 ) -> Worker<DreamInspectorCommand> {
+    let model = model.into();
     Worker::spawn(NAME, reports, move |commands, reports| inspect(&commands, &reports, model, planner, &view))
 }
 
@@ -37,7 +38,7 @@ pub fn spawn(
 pub fn inspect(
     commands: &Receiver<DreamInspectorCommand>,
     reports: &Reports,
-    model: Parameters,
+    model: impl Into<Placed>,
     planner: PlannerConfig,
     view: &Latest<ReviewView>,
 ) -> Result<(), WorkerError> {
@@ -104,7 +105,7 @@ impl DreamInspector<'_> {
                 self.dreams.insert(id, (episode, None));
             }
             DreamInspectorCommand::Reward(parameters) => {
-                let evaluator = RewardEvaluator::load(&parameters, self.model.identity())?;
+                let evaluator = RewardEvaluator::load(&parameters, &self.model)?;
                 self.now = Some(Reward { frozen: evaluator.frozen(), evaluator });
                 self.evaluated = None;
                 if let Some((dream, step)) = self.last {

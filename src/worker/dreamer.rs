@@ -19,18 +19,19 @@ use crate::worker::{
     one_thread,
 };
 use crate::world::{Action, WorldSpec};
-use crate::world_model::{LatentState, WorldModel};
+use crate::world_model::{LatentState, Placed, WorldModel};
 
 const NAME: WorkerName = WorkerName::Dreamer;
 
 /// Starts a thread that plays dreams of `model`, drives them by `action` or by plan, and shows them in `view`.
 pub fn spawn(
-    model: Parameters,
+    model: impl Into<Placed>,
     planner: PlannerConfig,
     action: LiveAction,
     view: Latest<LiveView>,
     reports: &Reports,
 ) -> Worker<DreamerCommand> {
+    let model = model.into();
     Worker::spawn(NAME, reports, move |commands, reports| {
         dream(&commands, &reports, model, planner, &action, &view)
     })
@@ -40,7 +41,7 @@ pub fn spawn(
 pub fn dream(
     commands: &Receiver<DreamerCommand>,
     reports: &Reports,
-    model: Parameters,
+    model: impl Into<Placed>,
     planner: PlannerConfig,
     action: &LiveAction,
     view: &Latest<LiveView>,
@@ -177,7 +178,7 @@ impl Dreamer<'_> {
 
     /// Plans by this reward from the next plan on; by none where it cannot be used, rather than by one that is not meant.
     fn use_reward(&mut self, reward: &Parameters) {
-        self.reward = match LearnedReward::load(reward, self.model.identity()) {
+        self.reward = match LearnedReward::load(reward, &self.model) {
             Ok(reward) => Some(reward),
             Err(e) => {
                 self.reports.fail(NAME, TaskError::NoPlanning(e));

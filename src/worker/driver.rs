@@ -7,7 +7,7 @@ use std::time::Instant;
 use crate::evaluation::Tally;
 use crate::planner::{Agent, PlannerConfig};
 use crate::reward::LearnedReward;
-use crate::tensor::{NotFinite, Parameters};
+use crate::tensor::NotFinite;
 use crate::worker::clock::{Allowance, Beat, Clock};
 use crate::worker::error::TaskError;
 use crate::worker::plan_view::PlanDrawing;
@@ -16,18 +16,19 @@ use crate::worker::{
     WorkerError, WorkerName, one_thread, picture,
 };
 use crate::world::{Frame, World};
-use crate::world_model::WorldModel;
+use crate::world_model::{Placed, WorldModel};
 
 const NAME: WorkerName = WorkerName::Driver;
 
 /// Starts a thread that drives the world that `open` opens by planning in `model`, and shows it in `view`.
 pub fn spawn(
     open: OpenWorld,
-    model: Parameters,
+    model: impl Into<Placed>,
     config: PlannerConfig,
     view: Latest<DriveView>,
     reports: &Reports,
 ) -> Worker<DriverCommand> {
+    let model = model.into();
     Worker::spawn(NAME, reports, move |commands, reports| {
         drive(&commands, &reports, &open, model, config, &view)
     })
@@ -38,7 +39,7 @@ pub fn drive(
     commands: &Receiver<DriverCommand>,
     reports: &Reports,
     open: &OpenWorld,
-    model: Parameters,
+    model: impl Into<Placed>,
     config: PlannerConfig,
     view: &Latest<DriveView>,
 ) -> Result<(), WorkerError> {
@@ -104,7 +105,7 @@ impl Driver<'_> {
     fn handle(&mut self, command: DriverCommand) {
         match command {
             DriverCommand::Reward(parameters) => {
-                match LearnedReward::load(&parameters, self.model.identity()) {
+                match LearnedReward::load(&parameters, &self.model) {
                     Ok(reward) => self.reward = Some(reward),
                     Err(e) => return self.reports.fail(NAME, e),
                 }

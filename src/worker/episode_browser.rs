@@ -209,7 +209,7 @@ impl EpisodeBrowser<'_> {
             Some(known) => known,
             None => WorldModel::load(model)?,
         };
-        let evaluator = RewardEvaluator::load(reward, model.identity())?;
+        let evaluator = RewardEvaluator::load(reward, &model)?;
         self.evaluation = Some((model, evaluator));
         if let Some(open) = &mut self.open {
             open.is_evaluated = false;

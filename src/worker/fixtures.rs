@@ -13,6 +13,7 @@ use crate::planner::PlannerConfig;
 use crate::planner::synthesis::SynthesisConfig;
 use crate::query::{DreamId, Query, QueryId, SegmentRef};
 use crate::reward::RewardConfig;
+use crate::tensor::Backend;
 use crate::worker::{LoadWorldModel, LoadedWorld, OpenWorld, WorkerConfig};
 use crate::world::End;
 use crate::world::cars::{CarAction, CarWorld, Env, Events, Outcome, Seed, Truth};
@@ -144,5 +145,6 @@ pub(super) fn config(len: usize) -> WorkerConfig {
         planner: PlannerConfig::car_racing(),
         synthesis: SynthesisConfig::paper(),
         load: load(),
+        backend: Backend::cpu(),
     }
 }

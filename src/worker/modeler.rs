@@ -8,6 +8,7 @@ use std::time::{Duration, Instant};
 use crate::dataset::Dataset;
 use crate::planner::with_snippets;
 use crate::run::{Kind, OutputFile, Run};
+use crate::tensor::Backend;
 use crate::worker::error::TaskError;
 use crate::worker::{
     ModelerCommand, RecordReport, Reports, Worker, WorkerError, WorkerName, WorldModelReport, one_thread,
@@ -21,9 +22,14 @@ const NAME: WorkerName = WorkerName::Modeler;
 const REPORT_EVERY: Duration = Duration::from_millis(100);
 
 /// Starts a thread that trains world models of the given shape.
-pub fn spawn(config: WorldModelConfig, fit: FitConfig, reports: &Reports) -> Worker<ModelerCommand> {
+pub fn spawn(
+    config: WorldModelConfig,
+    fit: FitConfig,
+    backend: Backend,
+    reports: &Reports,
+) -> Worker<ModelerCommand> {
     Worker::spawn(NAME, reports, move |commands, reports| {
-        model(&commands, &reports, &config, &fit);
+        model(&commands, &reports, &config, &fit, backend);
         Ok(())
     })
 }
@@ -34,13 +40,14 @@ pub fn model(
     reports: &Reports,
     config: &WorldModelConfig,
     fit: &FitConfig,
+    backend: Backend,
 ) {
     while let Ok(command) = commands.recv() {
         let ModelerCommand::Fit { dataset, out, resume } = command else { continue };
         // One is left for the window; only here, for the other threads compute in steps too short to share.
         let n_threads = std::thread::available_parallelism().map_or(1, |n| n.get().saturating_sub(1).max(1));
         tch::set_num_threads(n_threads as i32);
-        let fitted = fit_one(commands, reports, config, fit, &dataset, &out, resume);
+        let fitted = fit_one(commands, reports, (config, fit, backend), &dataset, &out, resume);
         one_thread();
         match fitted {
             Ok(()) => reports.send(WorldModelReport::Fitted(out)),
@@ -53,8 +60,7 @@ pub fn model(
 fn fit_one(
     commands: &Receiver<ModelerCommand>,
     reports: &Reports,
-    config: &WorldModelConfig,
-    fit: &FitConfig,
+    (config, fit, backend): (&WorldModelConfig, &FitConfig, Backend),
     dataset: &Path,
     out: &Path,
     resume: bool,
@@ -87,7 +93,7 @@ fn fit_one(
             }
         }
     };
-    let means = Means { read: &read_ahead, ..Means::default() };
+    let means = Means { backend, read: &read_ahead };
     let parameters = fit_world_with(means, &dataset, config, fit, &run, &mut listen)?;
     let go_on = &mut |_, _| match commands.try_recv() {
         Ok(ModelerCommand::Stop) | Err(TryRecvError::Disconnected) => ControlFlow::Break(()),
@@ -152,7 +158,7 @@ mod tests {
         let (dataset, out) = (dir.path().join("real"), dir.path().join("model.safetensors"));
         record(&dataset);
         let (reports, inbox) = Reports::new(|| ());
-        let modeler = spawn(WorldModelConfig::tiny(), brief(), &reports);
+        let modeler = spawn(WorldModelConfig::tiny(), brief(), Backend::cpu(), &reports);
         modeler.send(ModelerCommand::Fit { dataset, out: out.clone(), resume: false });
         let is_fitting = |report: &Report| matches!(report, Report::WorldModel(WorldModelReport::Fitting(_)));
         let n_reports = inbox.iter().take_while(is_fitting).count();
@@ -172,7 +178,7 @@ mod tests {
         commands.send(ModelerCommand::Stop).unwrap();
         drop(commands);
         let (reports, inbox) = Reports::new(|| ());
-        model(&received, &reports, &WorldModelConfig::tiny(), &brief());
+        model(&received, &reports, &WorldModelConfig::tiny(), &brief(), Backend::cpu());
         let Report::Failed(failure) = inbox.recv().unwrap() else { panic!("another report") };
         assert!(matches!(failure.error, WorkerError::Stopped), "{failure:?}");
         assert!(!out.exists(), "half a model is none");
@@ -191,7 +197,7 @@ mod tests {
         commands.send(fit).unwrap();
         drop(commands);
         let (reports, inbox) = Reports::new(|| ());
-        model(&received, &reports, &WorldModelConfig::car_racing(), &brief());
+        model(&received, &reports, &WorldModelConfig::car_racing(), &brief(), Backend::cpu());
         let Report::Failed(WorkerFailure { error: WorkerError::GaveUp(error), .. }) = inbox.recv().unwrap()
         else {
             panic!("another report")

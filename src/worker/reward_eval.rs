@@ -8,7 +8,7 @@ use crate::reward::{
 };
 use crate::tensor::{Parameters, from_slice, to_vec};
 use crate::world::{Action, ActionRanges};
-use crate::world_model::{ModelIdentity, actions_tensor};
+use crate::world_model::{WorldModel, actions_tensor};
 
 /// A reward of either kind, evaluated as a whole and member by member.
 pub(super) enum RewardEvaluator {
@@ -19,11 +19,9 @@ pub(super) enum RewardEvaluator {
 }
 
 impl RewardEvaluator {
-    /// The reward in `parameters`, which must have been learned with the world model that is `wanted`.
-    pub(super) fn load(parameters: &Parameters, wanted: &ModelIdentity) -> Result<Self, RewardError> {
-        let networks = RewardNetworks::load(parameters)?;
-        networks.require(wanted)?;
-        Ok(match networks {
+    /// The reward in `parameters`, which must have been learned with this model.
+    pub(super) fn load(parameters: &Parameters, model: &WorldModel) -> Result<Self, RewardError> {
+        Ok(match RewardNetworks::over(parameters, model)? {
             RewardNetworks::Preferences(reward) => Self::Preferences(reward),
             RewardNetworks::Verdicts(reward) => Self::Verdicts(reward),
         })
@@ -101,8 +99,8 @@ mod tests {
         let features: Vec<f32> = (0..180).map(|i| (i as f32).sin()).collect();
         let actions: Vec<Action> = (0..5).map(|t| Action::new([0.2 * t as f32, 0.5, 0.0])).collect();
         for (parameters, other) in [preferences, verdicts].into_iter().zip(others) {
-            assert!(RewardEvaluator::load(&other, model.identity()).is_err());
-            let evaluator = RewardEvaluator::load(&parameters, model.identity()).unwrap();
+            assert!(RewardEvaluator::load(&other, &model).is_err());
+            let evaluator = RewardEvaluator::load(&parameters, &model).unwrap();
             let (rewards, members) =
                 evaluator.evaluate_members(&features, &actions, &ActionRanges::default());
             let scaled = scaled_actions_tensor(&actions, &ActionRanges::default());

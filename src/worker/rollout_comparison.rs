@@ -55,7 +55,7 @@ impl Assistant {
     /// Plans by this reward from the next plan on; by none where it cannot be used, rather than by one that is not meant.
     pub(super) fn use_reward(&mut self, reward: &Parameters) -> Result<(), WorkerError> {
         let Some(model) = &self.model else { return Ok(()) };
-        match LearnedReward::load(reward, model.identity()) {
+        match LearnedReward::load(reward, model) {
             Ok(reward) => self.reward = Some(reward),
             Err(e) => {
                 (self.reward, self.agent) = (None, None);

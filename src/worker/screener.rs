@@ -5,14 +5,14 @@ use std::sync::mpsc::{Receiver, TryRecvError};
 use std::thread;
 use std::time::Instant;
 
-use crate::tensor::Parameters;
 use crate::worker::{LabelReport, Reports, ScreenerCommand, Worker, WorkerError, WorkerName, one_thread};
-use crate::world_model::WorldModel;
+use crate::world_model::{Placed, WorldModel};
 
 const NAME: WorkerName = WorkerName::Screener;
 
 /// Starts a thread that looks for the signs of dreams of `model`.
-pub fn spawn(model: Parameters, reports: &Reports) -> Worker<ScreenerCommand> {
+pub fn spawn(model: impl Into<Placed>, reports: &Reports) -> Worker<ScreenerCommand> {
+    let model = model.into();
     Worker::spawn(NAME, reports, move |commands, reports| screen(&commands, &reports, model))
 }
 
@@ -20,7 +20,7 @@ pub fn spawn(model: Parameters, reports: &Reports) -> Worker<ScreenerCommand> {
 pub fn screen(
     commands: &Receiver<ScreenerCommand>,
     reports: &Reports,
-    model: Parameters,
+    model: impl Into<Placed>,
 ) -> Result<(), WorkerError> {
     one_thread();
     let model = WorldModel::load(model)?;

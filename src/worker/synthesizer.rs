@@ -13,14 +13,19 @@ use crate::reward::{RewardInputs, RewardKind, SparseConfig, SparseReward};
 use crate::tensor::{Parameters, from_slice};
 use crate::worker::error::TaskError;
 use crate::worker::{LabelReport, Reports, SynthesizerCommand, Worker, WorkerError, WorkerName, one_thread};
-use crate::world_model::{LatentState, WorldModel};
+use crate::world_model::{LatentState, Placed, WorldModel};
 
 const NAME: WorkerName = WorkerName::Synthesizer;
 /// How far it is is reported no more often than this: where a window is painted in software, showing it costs time too.
 const REPORT_EVERY: Duration = Duration::from_secs(1);
 
 /// Starts a thread that makes trajectories of `model`.
-pub fn spawn(model: Parameters, config: SynthesisConfig, reports: &Reports) -> Worker<SynthesizerCommand> {
+pub fn spawn(
+    model: impl Into<Placed>,
+    config: SynthesisConfig,
+    reports: &Reports,
+) -> Worker<SynthesizerCommand> {
+    let model = model.into();
     Worker::spawn(NAME, reports, move |commands, reports| make(&commands, &reports, model, &config))
 }
 
@@ -28,7 +33,7 @@ pub fn spawn(model: Parameters, config: SynthesisConfig, reports: &Reports) -> W
 pub fn make(
     commands: &Receiver<SynthesizerCommand>,
     reports: &Reports,
-    model: Parameters,
+    model: impl Into<Placed>,
     config: &SynthesisConfig,
 ) -> Result<(), WorkerError> {
     one_thread();
@@ -101,11 +106,12 @@ impl Wanted {
             .as_ref()
             .filter(|parameters| RewardKind::of(parameters) == Some(RewardKind::Verdicts));
         let Some(learned) = learned else {
-            return Ok(SparseReward::new(RewardInputs::of(model), SparseConfig::request(), rng));
+            let fresh = SparseReward::new(RewardInputs::of(model), SparseConfig::request(), rng);
+            return Ok(fresh.on(model.backend()));
         };
         let reward = SparseReward::load(learned)?;
         reward.require(model.identity()).map_err(TaskError::OtherClassifier)?;
-        Ok(reward)
+        Ok(reward.on(model.backend()))
     }
 }
 

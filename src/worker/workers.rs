@@ -7,7 +7,7 @@ use std::sync::Arc;
 use crate::planner::PlannerConfig;
 use crate::planner::synthesis::SynthesisConfig;
 use crate::reward::RewardConfig;
-use crate::tensor::Parameters;
+use crate::tensor::{Backend, Parameters};
 use crate::worker::channel::Sent;
 use crate::worker::jobs::Jobs;
 use crate::worker::{
@@ -19,8 +19,8 @@ use crate::worker::{
     session_writer, synthesizer, trainer,
 };
 use crate::world::WorldSpec;
-use crate::world_model::WorldModelConfig;
 use crate::world_model::fit::FitConfig;
+use crate::world_model::{Placed, WorldModelConfig};
 
 /// The workers, or a script in their place in tests.
 pub trait Workers {
@@ -55,6 +55,8 @@ pub struct WorkerConfig {
     pub synthesis: SynthesisConfig,
     /// How world models are read.
     pub load: LoadWorldModel,
+    /// What computes dreams, plans, rewards and the fit of a world model.
+    pub backend: Backend,
 }
 
 /// The slots between the application and its workers: only the latest value counts.
@@ -116,8 +118,9 @@ struct Start<'a> {
 }
 
 impl Start<'_> {
-    fn model(&self) -> Option<Parameters> {
-        self.model.cloned()
+    fn model(&self) -> Option<Placed> {
+        let backend = self.config.backend;
+        self.model.cloned().map(|parameters| Placed { parameters, backend })
     }
 }
 
@@ -219,7 +222,8 @@ workers! {
         Some(episode_browser::spawn(Arc::clone(&start.config.spec), start.slots.episode.clone(), start.reports))
     };
     Modeler, modeler: ModelerCommand, lives Program, fills [], |start| {
-        Some(modeler::spawn(start.config.world.clone(), start.config.fit.clone(), start.reports))
+        let WorkerConfig { world, fit, backend, .. } = start.config;
+        Some(modeler::spawn(world.clone(), fit.clone(), *backend, start.reports))
     };
     SessionWriter, session_writer: SessionWriterCommand, lives Program, fills [], |start| {
         Some(session_writer::spawn(start.reports))

@@ -1,6 +1,6 @@
 //! The memory rearranged for looking ahead: the function of [`MdnRnn`] in fewer products, for which planning waits.
 
-use tch::{Kind, Tensor};
+use tch::{Device, Kind, Tensor};
 
 use crate::world_model::fast_kind;
 use crate::world_model::mdn_rnn::{MdnRnn, Memory};
@@ -23,7 +23,7 @@ pub(super) struct FusedRollout {
     kind: Kind,
 }
 
-/// Weights above this number no longer stay near the processor: fetching them anew at every step is what takes the time,
+/// More weights than these no longer stay near the processor: fetching them anew at every step is what takes the time,
 /// so that half as many bytes take half as long.
 const MANY: usize = 2_000_000;
 
@@ -41,7 +41,8 @@ impl FusedRollout {
             parts.permute([1, 2, 0, 3]).reshape([2 * k * z, -1])
         };
         let columns = |rows: Tensor| rows.tr().contiguous();
-        let kind = if w_ih.numel() + w_hh.numel() > MANY { fast_kind() } else { Kind::Float };
+        let is_many = w_ih.device() == Device::Cpu && w_ih.numel() + w_hh.numel() > MANY;
+        let kind = if is_many { fast_kind() } else { Kind::Float };
         tch::no_grad(|| Self {
             weight: columns(by_gate(&Tensor::cat(&[w_ih, w_hh], 1))).to_kind(kind),
             bias: by_gate(&(b_ih + b_hh)).to_kind(kind),
@@ -91,7 +92,7 @@ impl FusedRollout {
 mod tests {
     use rand::SeedableRng as _;
     use rand_chacha::ChaCha8Rng;
-    use tch::{Device, nn};
+    use tch::nn;
 
     use super::*;
     use crate::tensor::normal;

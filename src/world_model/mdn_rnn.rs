@@ -2,7 +2,7 @@
 
 use rand::{Rng, RngExt as _};
 use serde::{Deserialize, Serialize};
-use tch::{Cuda, Kind, Tensor, nn};
+use tch::{Cuda, Device, Kind, Tensor, nn};
 
 use crate::tensor::limits::{MAX_COMPONENTS, MAX_LATENTS, MAX_MEMORY, OutOfRange, within};
 use crate::tensor::{Slot, dims, from_slice, normal, uniform};
@@ -88,8 +88,13 @@ pub struct Memory {
 impl Memory {
     /// Nothing remembered, for a batch of `b`.
     pub fn zeros(b: i64, config: &MdnRnnConfig) -> Self {
-        let zeros = || Tensor::zeros([b, config.memory], (Kind::Float, tch::Device::Cpu));
+        let zeros = || Tensor::zeros([b, config.memory], (Kind::Float, Device::Cpu));
         Self { c: zeros(), h: zeros() }
+    }
+
+    /// The same on a device.
+    pub(super) fn on(&self, device: Device) -> Self {
+        Self { c: self.c.to_device(device), h: self.h.to_device(device) }
     }
 }
 
@@ -126,6 +131,11 @@ impl Noise {
     pub fn draw(b: i64, latent: i64, rng: &mut impl Rng) -> Self {
         let uniform: Vec<f32> = (0..b * latent).map(|_| rng.random()).collect();
         Self { uniform: from_slice(&uniform, &[b, latent]), normal: normal(rng, &[b, latent]) }
+    }
+
+    /// The same on a device.
+    pub(super) fn on(&self, device: Device) -> Self {
+        Self { uniform: self.uniform.to_device(device), normal: self.normal.to_device(device) }
     }
 }
 
@@ -320,7 +330,6 @@ impl MdnRnn {
 mod tests {
     use rand::SeedableRng as _;
     use rand_chacha::ChaCha8Rng;
-    use tch::Device;
 
     use super::*;
     use crate::tensor::to_vec;

@@ -21,8 +21,8 @@ use tch::{Device, Kind, Tensor, nn};
 
 use crate::tensor::limits::{MAX_EPISODE, OutOfRange};
 use crate::tensor::{
-    DescriptionError, NotFinite, Parameters, ParametersError, Slot, described, from_frames, from_slice,
-    is_finite, to_frames, to_vec,
+    Backend, DescriptionError, NotFinite, Parameters, ParametersError, Slot, described, from_frames_on,
+    from_slice, is_finite, to_frames, to_vec,
 };
 use crate::world::{Action, ActionRanges, Frame, WorldSpec};
 
@@ -57,7 +57,14 @@ impl State {
     /// - returns `[B, Z + 2 M]`
     pub fn features(&self) -> Tensor {
         // DIFFERENCE: the paper writes [h, z]. The authors' code, which made the numbers, has this order (method §14.6).
-        Tensor::cat(&[&self.z, &self.memory.c, &self.memory.h], 1)
+        let Memory { c, h } = &self.memory;
+        Tensor::cat(&[&self.z.to_device(c.device()), c, h], 1)
+    }
+
+    /// The same states on a device.
+    #[must_use]
+    pub fn on(&self, device: Device) -> Self {
+        Self { z: self.z.to_device(device), memory: self.memory.on(device) }
     }
 
     /// Fails where one of the states is not made of numbers. `what` says which they are.
@@ -133,9 +140,27 @@ pub enum Next<'a> {
     },
 }
 
+/// The parameters of a world model, and what shall compute with them: the processor, where nothing else is said.
+#[derive(Clone, Debug)]
+pub struct Placed {
+    /// The networks.
+    pub parameters: Parameters,
+    /// What computes.
+    pub backend: Backend,
+}
+
+impl From<Parameters> for Placed {
+    fn from(parameters: Parameters) -> Self {
+        Self { parameters, backend: Backend::cpu() }
+    }
+}
+
 /// Vision and memory together, for use. Their training is in `fit`.
+///
+/// Where it is on an accelerator, so is what it makes; what it is given may be anywhere.
 #[derive(Debug)]
 pub struct WorldModel {
+    backend: Backend,
     config: WorldModelConfig,
     spec: Arc<WorldSpec>,
     ranges: ActionRanges,
@@ -175,7 +200,9 @@ impl From<ParametersError> for WorldModelError {
 
 impl WorldModel {
     /// The model whose networks `parameters` hold. Their header says which they are.
-    pub fn load(parameters: Parameters) -> Result<Self, WorldModelError> {
+    pub fn load(placed: impl Into<Placed>) -> Result<Self, WorldModelError> {
+        let Placed { parameters, backend } = placed.into();
+        let Backend { device, kind } = backend;
         let identity = ModelIdentity::of(&parameters)?;
         let (layout, config) = (identity.layout(), identity.config().clone());
         let (of_vae, of_mdn_rnn) = (config.vae.slots(), config.mdn_rnn.slots());
@@ -187,23 +214,56 @@ impl WorldModel {
         let make = || {
             // The draw is overwritten at once.
             let rng = &mut ChaCha8Rng::seed_from_u64(0);
-            let (vision, mut memory) = (nn::VarStore::new(Device::Cpu), nn::VarStore::new(Device::Cpu));
+            let (mut vision, mut memory) = (nn::VarStore::new(Device::Cpu), nn::VarStore::new(Device::Cpu));
             let vae = Vae::new(&vision.root(), config.vae.clone(), Kind::Float, rng);
             let mdn_rnn = MdnRnn::new(&memory.root(), config.mdn_rnn.clone(), rng);
             parameters.fill("vae", &of_vae, layout, &vision)?;
             parameters.fill("mdn_rnn", &of_mdn_rnn, layout, &memory)?;
             memory.freeze();
+            if !backend.is_cpu() {
+                vision.set_device(device);
+                memory.set_device(device);
+            }
             Ok::<_, WorldModelError>(Networks {
                 encoder: vae.encoder.for_inference(Kind::Float),
-                decoder: vae.decoder.for_inference(fast_kind()),
+                decoder: vae.decoder.for_inference(kind),
                 fused_rollout: FusedRollout::of(&mdn_rnn),
                 mdn_rnn,
             })
         };
-        let (networks, kept) = Networks::of(&parameters.hash(), make)?;
+        let (networks, kept) = Networks::of(&parameters.hash(), backend, make)?;
         let spec = config.spec();
         let ranges = ActionRanges::of(&spec.axes);
-        Ok(Self { config, spec, ranges, parameters, networks, _kept: kept, starts, held_out, identity })
+        Ok(Self {
+            backend,
+            config,
+            spec,
+            ranges,
+            parameters,
+            networks,
+            _kept: kept,
+            starts,
+            held_out,
+            identity,
+        })
+    }
+
+    /// What computes.
+    pub fn backend(&self) -> Backend {
+        self.backend
+    }
+
+    /// The same model, computed by `backend`.
+    pub fn on(self, backend: Backend) -> Result<Self, WorldModelError> {
+        if self.backend == backend {
+            return Ok(self);
+        }
+        Self::load(Placed { parameters: self.parameters, backend })
+    }
+
+    /// A tensor where the networks are.
+    fn here(&self, tensor: &Tensor) -> Tensor {
+        tensor.to_device(self.backend.device)
     }
 
     /// The state, a batch of one, whose features `[z | c | h]` are these.
@@ -274,12 +334,12 @@ impl WorldModel {
     /// # Shapes
     /// - returns `[B, Z]`
     pub fn observe(&self, frames: &[Frame]) -> Tensor {
-        tch::no_grad(|| self.networks.encoder.encode(&from_frames(frames)).0)
+        tch::no_grad(|| self.networks.encoder.encode(&from_frames_on(self.backend.device, frames)).0)
     }
 
     /// An empty memory for a batch of `b`.
     pub fn no_memory(&self, b: i64) -> Memory {
-        Memory::zeros(b, &self.config.mdn_rnn)
+        Memory::zeros(b, &self.config.mdn_rnn).on(self.backend.device)
     }
 
     /// The memory after taking in a state and an action. It depends on nothing else.
@@ -287,7 +347,8 @@ impl WorldModel {
     /// # Shapes
     /// - `actions`: `[B, A]`, as driven
     pub fn remember(&self, state: &State, actions: &Tensor) -> Memory {
-        tch::no_grad(|| self.networks.mdn_rnn.remember(&state.z, actions, &state.memory))
+        let State { z, memory } = state.on(self.backend.device);
+        tch::no_grad(|| self.networks.mdn_rnn.remember(&z, &self.here(actions), &memory))
     }
 
     /// The state that follows `state` under `actions`.
@@ -295,15 +356,16 @@ impl WorldModel {
     /// # Shapes
     /// - `actions`: `[B, A]`, as driven
     pub fn imagine(&self, state: &State, actions: &Tensor, next: Next<'_>) -> State {
+        let Networks { mdn_rnn, fused_rollout, .. } = &self.networks;
+        let (State { z, memory }, actions) = (state.on(self.backend.device), self.here(actions));
         tch::no_grad(|| {
             let (z, memory) = match next {
                 Next::Sample { temperature, noise } => {
-                    let memory = self.networks.mdn_rnn.remember(&state.z, actions, &state.memory);
-                    (self.networks.mdn_rnn.mixture(&memory.h).sample(temperature, noise), memory)
+                    let memory = mdn_rnn.remember(&z, &actions, &memory);
+                    let noise = noise.on(self.backend.device);
+                    (mdn_rnn.mixture(&memory.h).sample(temperature, &noise), memory)
                 }
-                Next::Mean { temperature } => {
-                    self.networks.fused_rollout.imagine(&state.z, actions, &state.memory, temperature)
-                }
+                Next::Mean { temperature } => fused_rollout.imagine(&z, &actions, &memory, temperature),
             };
             State { z, memory }
         })
@@ -314,13 +376,14 @@ impl WorldModel {
     /// # Shapes
     /// - `actions`: `[B, A]`, as driven
     pub fn imagine_for_gradients(&self, state: &State, actions: &Tensor, temperature: f64) -> State {
-        let memory = self.networks.mdn_rnn.remember(&state.z, actions, &state.memory);
+        let (State { z, memory }, actions) = (state.on(self.backend.device), self.here(actions));
+        let memory = self.networks.mdn_rnn.remember(&z, &actions, &memory);
         State { z: self.networks.mdn_rnn.mixture(&memory.h).mean(temperature), memory }
     }
 
     /// What the model expects after `memory`, for measuring surprise and uncertainty.
     pub fn expect(&self, memory: &Memory) -> Mixture {
-        tch::no_grad(|| self.networks.mdn_rnn.mixture(&memory.h))
+        tch::no_grad(|| self.networks.mdn_rnn.mixture(&self.here(&memory.h)))
     }
 
     /// The latents in what the reward reads.
@@ -337,7 +400,7 @@ impl WorldModel {
     /// # Shapes
     /// - `z`: `[B, Z]`
     pub fn decode(&self, z: &Tensor) -> Vec<Frame> {
-        tch::no_grad(|| to_frames(&self.networks.decoder.decode(z)))
+        tch::no_grad(|| to_frames(&self.networks.decoder.decode(&self.here(z))))
     }
 }
 

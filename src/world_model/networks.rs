@@ -2,6 +2,7 @@
 
 use std::sync::{Arc, Mutex, PoisonError, Weak};
 
+use crate::tensor::Backend;
 use crate::world_model::fused_rollout::FusedRollout;
 use crate::world_model::mdn_rnn::MdnRnn;
 use crate::world_model::vae::{Decoder, Encoder};
@@ -21,20 +22,28 @@ pub(super) struct Networks {
 /// What keeps networks for the next thread that wants them. Each world model has one.
 pub(super) type Kept = Arc<Mutex<Networks>>;
 
-/// All that are in use, by the hash of the file that they are from.
-static KEPT: Mutex<Vec<(String, Weak<Mutex<Networks>>)>> = Mutex::new(Vec::new());
+/// Networks in use, the hash of the file that they are from, and what computes them.
+type InUse = (String, Backend, Weak<Mutex<Networks>>);
+
+/// All that are in use.
+static KEPT: Mutex<Vec<InUse>> = Mutex::new(Vec::new());
 
 impl Networks {
-    /// The networks of the file with this hash: those that are in use, or else what `make` makes.
-    pub(super) fn of<E>(hash: &str, make: impl FnOnce() -> Result<Self, E>) -> Result<(Self, Kept), E> {
+    /// The networks of the file with this hash computed by `backend`: those that are in use, or else what `make` makes.
+    pub(super) fn of<E>(
+        hash: &str,
+        backend: Backend,
+        make: impl FnOnce() -> Result<Self, E>,
+    ) -> Result<(Self, Kept), E> {
         let mut all = KEPT.lock().unwrap_or_else(PoisonError::into_inner);
-        all.retain(|(_, kept)| kept.strong_count() > 0);
-        let there = all.iter().find(|(of, _)| of == hash).and_then(|(_, kept)| kept.upgrade());
+        all.retain(|(.., kept)| kept.strong_count() > 0);
+        let there =
+            all.iter().find(|(of, by, _)| of == hash && *by == backend).and_then(|(.., kept)| kept.upgrade());
         let kept = if let Some(kept) = there {
             kept
         } else {
             let kept = Arc::new(Mutex::new(make()?));
-            all.push((hash.to_owned(), Arc::downgrade(&kept)));
+            all.push((hash.to_owned(), backend, Arc::downgrade(&kept)));
             kept
         };
         let networks = kept.lock().unwrap_or_else(PoisonError::into_inner).shared();

@@ -20,7 +20,7 @@ use dropj::planner::PlannerConfig;
 use dropj::planner::synthesis::SynthesisConfig;
 use dropj::reward::RewardConfig;
 use dropj::session::{DreamSource, Header, LoadedSession, SessionStore};
-use dropj::tensor::{Parameters, from_slice};
+use dropj::tensor::{Backend, Parameters, from_slice};
 use dropj::ui::{NoPads, Window, WindowStartup};
 use dropj::worker::{
     DreamStart, Job, LoadedWorld, Report, Reports, RewardReport, Slots, Threads, TrainerCommand,
@@ -187,6 +187,7 @@ fn window(dir: &Path, session: &Path, world: &Path) -> (Harness<'static, Window>
         fit: FitConfig::full(),
         reward: RewardConfig::car_racing(),
         planner: PlannerConfig::car_racing(),
+        backend: Backend::cpu(),
         synthesis: SynthesisConfig::paper(),
         load: Arc::new(|path| Ok(load(path))),
     };

@@ -18,6 +18,7 @@ use dropj::query::{Preference, Protocol, Response, SafetyAnswer, sample_queries}
 use dropj::reward::RewardConfig;
 use dropj::run::read_parameters;
 use dropj::session::{Answer, Choice, DreamSource, Event, Header, SessionStore};
+use dropj::tensor::Backend;
 use dropj::ui::{NoPads, Window, WindowStartup};
 use dropj::worker::{LoadedWorld, Threads, WorkerConfig, Workers};
 use dropj::world::Action;
@@ -84,6 +85,7 @@ fn window(model: &WorldModel, store: SessionStore, dir: &Path) -> Harness<'stati
         fit: FitConfig::full(),
         reward: RewardConfig::car_racing(),
         planner: PlannerConfig::car_racing(),
+        backend: Backend::cpu(),
         synthesis: SynthesisConfig::paper(),
         load: Arc::new(|path| unreachable!("nobody loads {path:?}")),
     };

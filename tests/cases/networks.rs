@@ -385,7 +385,7 @@ fn rewards_must_be_of_numbers_and_fit_the_world_model() {
     ];
     let name = dir.to_str().unwrap();
     for (i, (said, reward)) in cases.into_iter().enumerate() {
-        let met = LearnedReward::load(&reward, model.identity()).unwrap_err().to_string();
+        let met = LearnedReward::load(&reward, &model).unwrap_err().to_string();
         assert!(met.contains(said), "{said}: {met}");
         if i % 3 > 0 {
             continue;
@@ -487,7 +487,7 @@ fn files_of_the_earlier_layout_are_read_and_mean_the_same() {
     let reward = earlier("reward-1.safetensors");
     let ensemble = RewardEnsemble::load(&reward).unwrap().in_kind(tch::Kind::Float);
     assert_close(&to_vec(&ensemble.rewards(&features, &actions)), &REWARDS_THEN, 1e-6);
-    assert!(LearnedReward::load(&reward, model.identity()).is_ok());
+    assert!(LearnedReward::load(&reward, &model).is_ok());
     let sparse = SparseReward::load(&earlier("sparse-reward-1.safetensors")).unwrap();
     assert_close(&to_vec(&sparse.chances(&features, &actions)), &CHANCES_THEN, 1e-6);
 }
@@ -516,7 +516,7 @@ fn what_is_converted_is_the_same_model_in_the_layout_of_pytorch() {
     assert_eq!(shapes, [vec![2, 5, 11], vec![2, 5], vec![2, 1, 5]]);
     let ensemble = RewardEnsemble::load(&reward).unwrap().in_kind(tch::Kind::Float);
     assert_close(&to_vec(&ensemble.rewards(&features, &actions)), &REWARDS_THEN, 1e-6);
-    assert!(LearnedReward::load(&reward, model.identity()).is_ok(), "it names the model by its hash of then");
+    assert!(LearnedReward::load(&reward, &model).is_ok(), "it names the model by its hash of then");
     let sparse = SparseReward::load(&convert("sparse-reward")).unwrap();
     assert_close(&to_vec(&sparse.chances(&features, &actions)), &CHANCES_THEN, 1e-6);
 }
@@ -705,7 +705,7 @@ proptest! {
         }
         for name in ["reward-1.safetensors", "sparse-reward-1.safetensors"] {
             if let Ok(reward) = read(earlier(name).bytes()) {
-                drop(LearnedReward::load(&reward, model.identity()));
+                drop(LearnedReward::load(&reward, &model));
             }
         }
         if let Ok(probe) = read(probe()) {

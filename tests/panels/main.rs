@@ -32,6 +32,7 @@ use dropj::planner::synthesis::SynthesisConfig;
 use dropj::query::{Preference, Protocol, QueryId, Response, SEGMENT_LEN, SafetyAnswer, SkipReason, Verdict};
 use dropj::reward::RewardConfig;
 use dropj::session::{DreamSource, Header, SessionStore};
+use dropj::tensor::Backend;
 use dropj::ui::{InputSource, PadButton, PadEvent, Wake, Window, WindowStartup};
 use dropj::worker::{
     ClipperCommand, DeployReport, DreamReport, DreamStart, DreamerCommand, LabelReport, LiveAction, LiveView,
@@ -321,6 +322,7 @@ fn worker_config() -> WorkerConfig {
         fit: FitConfig::full(),
         reward: RewardConfig::car_racing(),
         planner: PlannerConfig::of(&WorldSpec::default(), None),
+        backend: Backend::cpu(),
         synthesis: SynthesisConfig::paper(),
         load: Arc::new(|path| match std::fs::read_to_string(path) {
             Ok(text) if text == "another" => Ok(toy(1)),

@@ -10,6 +10,7 @@ use dropj::planner::synthesis::SynthesisConfig;
 use dropj::reward::RewardConfig;
 use dropj::run::read_parameters;
 use dropj::session::SessionStore;
+use dropj::tensor::Backend;
 use dropj::tensor::from_slice;
 use dropj::ui::{NoPads, Window, WindowStartup};
 use dropj::worker::{DreamStart, LoadedWorld, Threads, WorkerConfig};
@@ -35,6 +36,7 @@ pub(crate) fn real_window(dir: &Path, session: Option<SessionStore>) -> Harness<
         planner: PlannerConfig::of(&WorldSpec::default(), None),
         synthesis: SynthesisConfig::paper(),
         load: Arc::new(|path| Ok(load(path))),
+        backend: Backend::cpu(),
     };
     let app = Startup {
         spec: Arc::default(),

@@ -5,6 +5,7 @@ use std::ops::ControlFlow;
 use rand::SeedableRng as _;
 use rand::seq::SliceRandom as _;
 use rand_chacha::ChaCha8Rng;
+use tch::Device;
 
 use super::{
     Example, FitProbeConfig, Group, GroupKind, Lesson, PAINTED, Painter, Phase, ProbeFit, Progress, Targets,
@@ -55,7 +56,8 @@ pub fn fit_car_probe(
     }
     let lesson = Road { has_contacts: config.probe.n_outputs() > CONTACTS };
     let on_update = &mut |done, loss| tell(Phase::Learn, done, config.n_updates, loss);
-    let store = learn(config, &lesson, &seen, on_update)?;
+    let device = model.map_or(Device::Cpu, |model| model.backend().device);
+    let store = learn(config, &lesson, &seen, device, on_update)?;
     let unmeasured = Probe::parameters_of(&config.probe, &store, None, String::new());
     let probe = Probe::load(&unmeasured).unwrap_or_else(|e| unreachable!("just made: {e}"));
     let real = errors(&probe, &held_out);
@@ -147,7 +149,8 @@ mod tests {
         };
 
         let lesson = Road { has_contacts: false };
-        let store = learn(&config, &lesson, &examples, &mut |_, _| ControlFlow::Continue(())).unwrap();
+        let store =
+            learn(&config, &lesson, &examples, Device::Cpu, &mut |_, _| ControlFlow::Continue(())).unwrap();
 
         let probe = Probe::load(&Probe::parameters_of(&config.probe, &store, None, String::new())).unwrap();
         let errors = errors(&probe, &examples);

@@ -8,7 +8,7 @@ use rand::seq::SliceRandom as _;
 use rand::{RngExt as _, SeedableRng as _};
 use rand_chacha::ChaCha8Rng;
 use serde::Serialize;
-use tch::nn;
+use tch::{Device, nn};
 
 use super::{
     Example, FitProbeConfig, Group, GroupKind, Lesson, PAINTED, Painter, Phase, ProbeFit, Progress, Report,
@@ -177,7 +177,8 @@ pub fn fit_event_probe(
     let probe = ProbeConfig { reads: Reads::Events(plan.events.clone()), ..config.probe.clone() };
     let config = FitProbeConfig { probe, ..config.clone() };
     let on_update = &mut |done, loss| tell(Phase::Learn, done, config.n_updates, loss);
-    let store = learn(&config, &happenings, &seen.examples, on_update)?;
+    let device = model.map_or(Device::Cpu, |model| model.backend().device);
+    let store = learn(&config, &happenings, &seen.examples, device, on_update)?;
     let readings = Readings {
         world: spec.name.clone(),
         gap: plan.gap,
@@ -566,7 +567,7 @@ fn shift(store: &nn::VarStore, thresholds: &[f32]) {
     let bias = variables.get("out.bias").unwrap_or_else(|| unreachable!("every probe has one"));
     tch::no_grad(|| {
         let mut logits = bias.narrow(0, 0, thresholds.len() as i64);
-        let _ = logits.g_sub_(&from_slice(thresholds, &[thresholds.len() as i64]));
+        let _ = logits.g_sub_(&from_slice(thresholds, &[thresholds.len() as i64]).to_device(bias.device()));
     });
 }
 

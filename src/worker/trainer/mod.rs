@@ -18,12 +18,11 @@ use crate::reward::RewardInputs;
 use crate::reward::{
     EpochReport, Fitted, PredictionMetrics, RewardConfig, RewardEnsemble, SegmentPair, Trainer, fit_anew,
 };
-use crate::tensor::Parameters;
 use crate::worker::error::TaskError;
 use crate::worker::{
     LabelReport, Learning, Reports, RewardReport, TrainerCommand, Worker, WorkerError, WorkerName, one_thread,
 };
-use crate::world_model::WorldModel;
+use crate::world_model::{Placed, WorldModel};
 
 use dreams::Dreams;
 use sparse::Verdicts;
@@ -37,7 +36,8 @@ const NEW_SHARE: usize = 10;
 const HAND_ON_EVERY: Duration = Duration::from_secs(1);
 
 /// Starts a thread that learns a reward of the given shape over what `model` dreams.
-pub fn spawn(model: Parameters, config: RewardConfig, reports: &Reports) -> Worker<TrainerCommand> {
+pub fn spawn(model: impl Into<Placed>, config: RewardConfig, reports: &Reports) -> Worker<TrainerCommand> {
+    let model = model.into();
     Worker::spawn(NAME, reports, move |commands, reports| train(&commands, &reports, model, config))
 }
 
@@ -45,7 +45,7 @@ pub fn spawn(model: Parameters, config: RewardConfig, reports: &Reports) -> Work
 pub fn train(
     commands: &Receiver<TrainerCommand>,
     reports: &Reports,
-    model: Parameters,
+    model: impl Into<Placed>,
     config: RewardConfig,
 ) -> Result<(), WorkerError> {
     one_thread();
@@ -90,7 +90,8 @@ struct Learner<'a> {
 impl<'a> Learner<'a> {
     fn new(model: WorldModel, config: RewardConfig, reports: &'a Reports) -> Self {
         let mut rng = ChaCha8Rng::seed_from_u64(0);
-        let ensemble = RewardEnsemble::new(RewardInputs::of(&model), config.clone(), &mut rng);
+        let ensemble =
+            RewardEnsemble::new(RewardInputs::of(&model), config.clone(), &mut rng).on(model.backend());
         Self {
             model,
             config,

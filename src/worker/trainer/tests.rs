@@ -5,6 +5,7 @@ use std::sync::mpsc::channel;
 
 use super::*;
 use crate::query::{DreamId, Response, SafetyAnswer, Weights};
+use crate::tensor::Parameters;
 use crate::tensor::to_vec;
 use crate::worker::{Report, fixtures};
 
