@@ -425,8 +425,8 @@ fn whoever_is_slow_or_asks_too_often_waits_for_nobody_and_keeps_nobody() {
     config.patience.request = Duration::from_millis(700);
     config.rates.token = Rate { burst: 4.0, per_sec: 0.001 };
     let served = Served::new(&config);
-    // Eight that say nothing to its end are all that one address has.
-    let mut slow: Vec<_> = (0..8).map(|_| TcpStream::connect(served.at).unwrap()).collect();
+    // So many that say nothing to its end are all that one address has.
+    let mut slow: Vec<_> = (0..24).map(|_| TcpStream::connect(served.at).unwrap()).collect();
     slow.iter_mut().for_each(|stream| stream.write_all(b"GET /api/view HTTP/1.1\r\nHo").unwrap());
     let (status, _, body) = served.send(format!("GET / HTTP/1.1\r\nHost: {}\r\n\r\n", served.at).as_bytes());
     // They may have been sent away already, on a machine that is busy.

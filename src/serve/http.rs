@@ -155,7 +155,7 @@ fn left(until: Instant) -> io::Result<Duration> {
     if left.is_zero() { Err(io::ErrorKind::TimedOut.into()) } else { Ok(left) }
 }
 
-/// Reads what a client sends. Nothing where it has gone without a word.
+/// Reads what a client sends. Nothing where not a word came.
 pub(super) fn read(stream: &mut TcpStream, until: Instant) -> Result<Option<Request>, Refused> {
     let mut bytes = Vec::with_capacity(1 << 10);
     let (mut request, n_head, n_body) = loop {
@@ -166,11 +166,11 @@ pub(super) fn read(stream: &mut TcpStream, until: Instant) -> Result<Option<Requ
             let why = format!("the head of a request has {MOST_OF_A_HEAD} bytes at the most");
             return Err(Refused::new(431, why));
         }
-        if more(stream, &mut bytes, until)? == 0 {
-            if bytes.is_empty() {
-                return Ok(None);
-            }
-            return Err(Refused::new(400, "the request ends before its head does"));
+        match more(stream, &mut bytes, until) {
+            // Browsers connect ahead of what they will ask.
+            Ok(0) | Err(_) if bytes.is_empty() => return Ok(None),
+            Ok(0) => return Err(Refused::new(400, "the request ends before its head does")),
+            read => drop(read?),
         }
     };
     if n_body > MOST_OF_A_BODY {

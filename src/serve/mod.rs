@@ -27,8 +27,8 @@
 //!
 //! # Limits
 //!
-//! A request has five seconds, 8 KiB of head and 4 KiB of body; an address eight connections at once; addresses and tokens so
-//! many requests a second ([`Rates`]). One thread for each of sixteen connections; what comes beyond waits, and is then sent
+//! A request has five seconds, 8 KiB of head and 4 KiB of body; an address 24 connections at once; addresses and tokens so
+//! many requests a second ([`Rates`]). One thread for each of 32 connections; what comes beyond waits, and is then sent
 //! away. The head is read by `httparse`, hyper's parser; the rest is here, for `tiny_http` waits for slow clients
 //! without end, and what waits better brings an asynchronous runtime for a handful of people.
 
@@ -72,11 +72,11 @@ use room::{Room, read_dreams};
 use tokens::{Doorkeeper, Tokens};
 
 /// Connections that are answered at once.
-const N_HANDS: usize = 16;
+const N_HANDS: usize = 32;
 /// Connections that wait for one of them.
 const N_WAITING: usize = 64;
-/// Connections of one address at once: browsers open six.
-const N_OF_ONE: usize = 8;
+/// Connections of one address at once: browsers open six, and several people can come through one tunnel.
+const N_OF_ONE: usize = 24;
 /// How often it looks whether it is to end.
 const LOOK_EVERY: Timespec = Timespec { tv_sec: 0, tv_nsec: 200_000_000 };
 /// What is read of a request that is refused, before the connection ends.

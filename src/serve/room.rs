@@ -23,6 +23,7 @@ use crate::dream::DreamEpisode;
 use crate::query::{DreamId, Protocol, QueryId, Response, SEGMENT_LEN, SegmentRef, SkipReason};
 use crate::serve::http::Refused;
 use crate::session::{Answer, AskedQuery, Event, Given, SessionStore};
+use crate::text::shown;
 use crate::world::{EventKind, WorldSpec};
 
 /// So many queries a page knows ahead: what it can go on with while the server is away.
@@ -181,11 +182,11 @@ impl Room {
         let answered = answers.iter().filter_map(|given| session.query(given.answer.query));
         let redo = session.redoable().and_then(|id| session.query(id)).filter(|asked| self.is_shown(asked));
         View {
-            annotator: self.annotator.clone(),
-            session: self.store.dir().file_name().map_or_else(String::new, |it| it.to_string_lossy().into_owned()),
+            annotator: shown(&self.annotator),
+            session: self.store.dir().file_name().map_or_else(String::new, |it| shown(&it.to_string_lossy())),
             protocol: session.protocol(),
             protocol_name: session.protocol().name(),
-            justifications: weights.justifications.iter().map(|(_, name, _)| name.to_owned()).collect(),
+            justifications: weights.justifications.iter().map(|(_, name, _)| shown(name)).collect(),
             verdicts: [unsafe_name, "Neither".to_owned(), good],
             n_frames: SEGMENT_LEN,
             rate: NORMAL_SPEED * (self.spec.rate / NORMAL_SPEED).min(1.0),
