@@ -12,7 +12,8 @@ use std::time::Duration;
 use dropj::app::{App, Command, Effect, FirstWorld, LabelCommand, Moment, Startup, Tick};
 use dropj::dream::{Dream, DreamEpisode};
 use dropj::query::{
-    DreamId, Preference, Protocol, QueryId, Response, SEGMENT_LEN, SafetyAnswer, SegmentRef, SkipReason, Strategy,
+    DreamId, Preference, Protocol, QueryId, Response, SEGMENT_LEN, SafetyAnswer, SegmentRef, SkipReason,
+    Strategy,
 };
 use dropj::serve::{Rate, ServeConfig, ServeError, Server, TOKENS_FILE, draw};
 use dropj::session::{
@@ -68,7 +69,8 @@ struct Served {
 impl Served {
     fn new(config: &ServeConfig) -> Self {
         let server = Server::open(config, &model()).expect("it can be offered");
-        let token = |link: &str| link.split_once('#').map(|(_, token)| token.to_owned()).expect("a link has one");
+        let token =
+            |link: &str| link.split_once('#').map(|(_, token)| token.to_owned()).expect("a link has one");
         let tokens = server.standings().iter().map(|standing| token(&standing.link)).collect();
         let (at, stop) = (server.at(), Arc::new(AtomicBool::new(false)));
         let until = Arc::clone(&stop);
@@ -102,7 +104,10 @@ impl Drop for Served {
     fn drop(&mut self) {
         self.stop.store(true, Ordering::Relaxed);
         let ended = self.thread.take().map(JoinHandle::join);
-        assert!(matches!(ended, Some(Ok(Ok(())))) || std::thread::panicking(), "it ends in good order: {ended:?}");
+        assert!(
+            matches!(ended, Some(Ok(Ok(())))) || std::thread::panicking(),
+            "it ends in good order: {ended:?}"
+        );
     }
 }
 
@@ -176,7 +181,10 @@ fn without_a_token_nothing_is_told() {
     let (status, head, body) = served.send(without.replace("/api/view", "/").as_bytes());
     let page = String::from_utf8(body).unwrap();
     assert_eq!(status, 200);
-    assert!(!page.contains("anna") && !page.contains("http://") && !page.contains("{{"), "it tells nothing, loads nothing");
+    assert!(
+        !page.contains("anna") && !page.contains("http://") && !page.contains("{{"),
+        "it tells nothing, loads nothing"
+    );
     let nonce = head.split("script-src 'nonce-").nth(1).and_then(|rest| rest.split('\'').next()).unwrap();
     assert!(page.contains(&format!("<script nonce=\"{nonce}\">")) && nonce.len() == 32, "{head}");
     assert!(!head.contains("Access-Control"), "no other page may ask: {head}");
@@ -283,7 +291,11 @@ fn twenty_answers_are_acknowledged_on_disk_and_stand_there_as_the_window_writes_
         let (status, view) = served.act(0, nr, act);
         assert_eq!(status, 200, "{act}: {view}");
         (nr, n_lines) = (nr + 1, n_lines + 1);
-        assert_eq!((view["nr"].as_u64(), log()), (Some(nr as u64), n_lines), "it is acknowledged when it is there");
+        assert_eq!(
+            (view["nr"].as_u64(), log()),
+            (Some(nr as u64), n_lines),
+            "it is acknowledged when it is there"
+        );
         view
     };
     for n in 0..20u32 {
@@ -299,14 +311,21 @@ fn twenty_answers_are_acknowledged_on_disk_and_stand_there_as_the_window_writes_
         }
         if n == 9 {
             let view = say(&json!({"undo": {"query": 9}}));
-            assert_eq!((&view["next"][0]["query"], &view["redo"]), (&json!(9), &json!(9)), "it is asked again");
+            assert_eq!(
+                (&view["next"][0]["query"], &view["redo"]),
+                (&json!(9), &json!(9)),
+                "it is asked again"
+            );
             window.command(LabelCommand::Undo);
             say(&json!({"redo": {"query": 9}}));
             window.command(LabelCommand::Redo);
         }
     }
     let view = served.view(0);
-    assert_eq!((&view["n_done"], &view["n_all"], &view["next"][0]["query"]), (&json!(20), &json!(24), &json!(20)));
+    assert_eq!(
+        (&view["n_done"], &view["n_all"], &view["next"][0]["query"]),
+        (&json!(20), &json!(24), &json!(20))
+    );
     drop((served, window));
     let here: Vec<_> = said(&folder)
         .into_iter()
@@ -318,7 +337,10 @@ fn twenty_answers_are_acknowledged_on_disk_and_stand_there_as_the_window_writes_
         .collect();
     assert_eq!(here, said(&dir.path().join("window")), "the same things happened");
     let log = std::fs::read_to_string(folder.join("events.jsonl")).unwrap();
-    assert!(log.contains(r#""response":{"safety":{"both":"left"}},"secs":0.0,"loops":2,"annotator":"anna""#), "{log}");
+    assert!(
+        log.contains(r#""response":{"safety":{"both":"left"}},"secs":0.0,"loops":2,"annotator":"anna""#),
+        "{log}"
+    );
 }
 
 #[test]
@@ -340,7 +362,11 @@ fn what_is_sent_twice_counts_once_even_by_a_server_that_was_begun_anew() {
     draw(&mut SessionStore::open(&session, None).unwrap(), 8, Strategy::Uniform).unwrap();
     let second = Served::new(&config);
     assert_eq!((second.at, &second.tokens[0]), (at, &token), "links last");
-    assert_eq!(second.act(0, 2, &answer(0, &right, 2.25)).0, 200, "this server knows what the other one wrote");
+    assert_eq!(
+        second.act(0, 2, &answer(0, &right, 2.25)).0,
+        200,
+        "this server knows what the other one wrote"
+    );
     assert_eq!(second.view(0)["n_all"], 8);
     // Another screen of the same person says something else meanwhile.
     assert_eq!(second.act(0, 3, &answer(1, &left, 0.5)).0, 200);
@@ -456,7 +482,8 @@ fn a_clip_is_what_the_window_shows_twenty_pictures_one_below_the_other() {
     let asked = SessionStore::read(&session).unwrap().1;
     for (query, side) in [(0, "left"), (0, "right"), (3, "right"), (0, "left")] {
         let path = format!("/api/clip/{query}/{side}");
-        let (status, head, body) = served.send(request(served.at, "GET", &path, &served.tokens[0], "").as_bytes());
+        let (status, head, body) =
+            served.send(request(served.at, "GET", &path, &served.tokens[0], "").as_bytes());
         assert!(status == 200 && head.contains("image/png") && head.contains("no-store"), "{head}");
         let strip = image::load_from_memory(&body).unwrap().to_rgb8();
         let shown = asked.queries()[query].query;
@@ -506,7 +533,11 @@ fn what_several_said_is_compared_and_put_together() {
     assert_eq!((names.join(" "), agreement.n, agreement.n_same), ("anna ben".to_owned(), 4, 3));
     let merged = merge(&dirs, &dir.path().join("both")).unwrap();
     assert_eq!((merged.session().labeled().len(), merged.session().dreams().len()), (8, 2));
-    assert_eq!(SessionStore::read(&session).unwrap().1.answers().len(), 0, "what was offered stays as it was");
+    assert_eq!(
+        SessionStore::read(&session).unwrap().1.answers().len(),
+        0,
+        "what was offered stays as it was"
+    );
 }
 
 #[test]
@@ -516,7 +547,10 @@ fn what_cannot_be_offered_is_one_clear_error() {
     let refused = |config: &ServeConfig| Server::open(config, &model()).unwrap_err();
     let config = ServeConfig::new(&path, &["anna"]);
     let error = refused(&config);
-    assert!(matches!(error, ServeError::NoQueries { .. }) && error.to_string().contains("--queries"), "{error}");
+    assert!(
+        matches!(error, ServeError::NoQueries { .. }) && error.to_string().contains("--queries"),
+        "{error}"
+    );
     let error = refused(&ServeConfig::new(&path, &[]));
     assert!(matches!(error, ServeError::Nobody), "{error}");
     let error = refused(&ServeConfig::new(&path, &["a b", "a-b"]));
@@ -574,7 +608,13 @@ impl Running {
     fn start(dir: &Path) -> Self {
         let mut program = Program::new(env!("CARGO_BIN_EXE_dropj"));
         let args = ["serve", "--session", "s", "--annotators", "anna", "--json"];
-        let mut child = program.current_dir(dir).args(args).stdout(Stdio::piped()).spawn().expect("it starts");
+        let mut child = program
+            .current_dir(dir)
+            .args(args)
+            .stdout(Stdio::piped())
+            .stderr(Stdio::null())
+            .spawn()
+            .expect("it starts");
         let mut line = String::new();
         let out = child.stdout.take().expect("it is read");
         BufReader::new(out).read_line(&mut line).expect("it says where it is");

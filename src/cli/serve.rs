@@ -108,7 +108,10 @@ fn tell(server: &Server, options: &Options) -> anyhow::Result<()> {
             });
             println!("{told}");
         } else {
-            println!("{}: {link}\n  {n_done} of {n_all} queries are answered, in {session:?}", shown(annotator));
+            println!(
+                "{}: {link}\n  {n_done} of {n_all} queries are answered, in {session:?}",
+                shown(annotator)
+            );
         }
     }
     if server.n_drawn() > 0 {

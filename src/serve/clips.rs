@@ -82,7 +82,9 @@ impl Clips {
         self.order.push_back(segment);
         // The pair that was drawn last stays.
         while self.n_bytes > MOST && self.order.len() > 2 {
-            let Some(png) = self.order.pop_front().and_then(|oldest| self.ready.remove(&oldest)) else { break };
+            let Some(png) = self.order.pop_front().and_then(|oldest| self.ready.remove(&oldest)) else {
+                break;
+            };
             self.n_bytes -= png.len();
         }
     }

@@ -70,13 +70,16 @@ impl Desk {
         match (request.method, request.path.as_str()) {
             (Method::Get, "/") => return Ok(self.page()),
             (Method::Post, "/") => return Err(Refused::new(405, "the page is there to be read")),
-            (_, path) if !path.starts_with("/api/") => return Err(Refused::new(404, "there is no such page")),
+            (_, path) if !path.starts_with("/api/") => {
+                return Err(Refused::new(404, "there is no such page"));
+            }
             _ => {}
         }
         // Whatever is asked: without a token nothing is told, not even whether there is such a thing.
         let token = request.token.as_deref();
         let who = token.and_then(|token| self.doorkeeper.who(token));
-        let who = who.ok_or_else(|| Refused::new(401, "this needs a link with a token that is known here"))?;
+        let who =
+            who.ok_or_else(|| Refused::new(401, "this needs a link with a token that is known here"))?;
         if !lock(&self.limits).take_annotator(who, now) {
             return Err(too_many());
         }
@@ -143,7 +146,8 @@ impl Desk {
         let mut bytes = [0; 16];
         lock(&self.rng).fill_bytes(&mut bytes);
         let nonce = hex(&bytes);
-        let page = PAGE.replace("{{nonce}}", &nonce).replace("{{style}}", STYLE).replace("{{script}}", SCRIPT);
+        let page =
+            PAGE.replace("{{nonce}}", &nonce).replace("{{style}}", STYLE).replace("{{script}}", SCRIPT);
         let policy = format!(
             "default-src 'none'; script-src 'nonce-{nonce}'; style-src 'nonce-{nonce}'; connect-src 'self'; \
              img-src data:; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"

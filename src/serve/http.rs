@@ -129,7 +129,8 @@ impl Response {
             429 | 503 => "Retry-After: 1\r\n",
             _ => "",
         };
-        let policy = policy.as_ref().map_or_else(String::new, |it| format!("Content-Security-Policy: {it}\r\n"));
+        let policy =
+            policy.as_ref().map_or_else(String::new, |it| format!("Content-Security-Policy: {it}\r\n"));
         format!(
             "HTTP/1.1 {status} {reason}\r\nContent-Type: {kind}\r\nContent-Length: {}\r\nConnection: close\r\n\
              Cache-Control: no-store\r\nX-Content-Type-Options: nosniff\r\nReferrer-Policy: no-referrer\r\n\

@@ -28,10 +28,7 @@ pub struct Rates {
 
 impl Default for Rates {
     fn default() -> Self {
-        Self {
-            address: Rate { burst: 600.0, per_sec: 100.0 },
-            token: Rate { burst: 200.0, per_sec: 30.0 },
-        }
+        Self { address: Rate { burst: 600.0, per_sec: 100.0 }, token: Rate { burst: 200.0, per_sec: 30.0 } }
     }
 }
 
@@ -125,7 +122,10 @@ mod tests {
         let address = |n: u32| IpAddr::V4(Ipv4Addr::from(n));
         let n_taken = (0..10_000).filter(|n| limits.take_address(address(*n), began)).count();
         assert_eq!((n_taken, limits.addresses.each.len()), (MOST, MOST));
-        assert!(limits.take_address(address(20_000), began + Duration::from_secs(60)), "the quiet ones are forgotten");
+        assert!(
+            limits.take_address(address(20_000), began + Duration::from_secs(60)),
+            "the quiet ones are forgotten"
+        );
         assert_eq!(limits.addresses.each.len(), 1);
     }
 }

@@ -1,9 +1,9 @@
 //! The label room for browsers: several people answer the queries of a session, each in a session of their own.
 //!
 //! Every annotator has a token and, beside the session that is offered, a session with the same dreams and queries
-//! ([`hand_out`](crate::session::hand_out)); what they say goes into its log as from the window, and `agree` and `merge` take it
-//! from there. A page ([`page.js`](../../src/serve/page/page.js)) shows what is next, plays the clips and keeps what was said
-//! until it is acknowledged, through a server that is away and through its own end.
+//! ([`hand_out()`](crate::session::hand_out())); what they say goes into its log as from the window, and `agree` and `merge`
+//! take it from there. A page (`page/page.js`) shows what is next, plays the clips and keeps what was said until it is
+//! acknowledged, through a server that is away and through its own end.
 //!
 //! # What is spoken
 //!
@@ -160,7 +160,9 @@ impl Server {
         let folders = folders(config)?;
         let n_drawn = match config.n_queries {
             None => 0,
-            Some(n) => draw(&mut SessionStore::open(&config.session, Some(model.identity()))?, n, config.strategy)?,
+            Some(n) => {
+                draw(&mut SessionStore::open(&config.session, Some(model.identity()))?, n, config.strategy)?
+            }
         };
         let (mut rooms, mut dreams) = (Vec::new(), Vec::new());
         for (annotator, folder) in config.annotators.iter().zip(&folders) {
@@ -219,10 +221,11 @@ impl Server {
     pub fn run(&self, stop: &AtomicBool) -> Result<(), ServeError> {
         let connected: Arc<Mutex<HashMap<IpAddr, usize>>> = Arc::default();
         let (desk, patience) = (Arc::clone(&self.desk), self.patience);
-        let crew = Crew::spawn("serve", N_HANDS, N_WAITING, move |(mut stream, guest): (TcpStream, Guest)| {
-            attend(&desk, &mut stream, guest.address, patience);
-        })
-        .map_err(ServeError::Begin)?;
+        let crew =
+            Crew::spawn("serve", N_HANDS, N_WAITING, move |(mut stream, guest): (TcpStream, Guest)| {
+                attend(&desk, &mut stream, guest.address, patience);
+            })
+            .map_err(ServeError::Begin)?;
         // Somebody who is gone before being accepted is not waited for.
         self.listener.set_nonblocking(true).map_err(ServeError::Wait)?;
         while !stop.load(Ordering::Relaxed) {

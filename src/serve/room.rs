@@ -165,7 +165,8 @@ impl Room {
     /// Whether a query is one that is asked now, and can be seen.
     fn is_shown(&self, asked: &AskedQuery) -> bool {
         let session = self.store.session();
-        let is_readable = [asked.query.left, asked.query.right].iter().all(|it| self.dreams.contains_key(&it.dream));
+        let is_readable =
+            [asked.query.left, asked.query.right].iter().all(|it| self.dreams.contains_key(&it.dream));
         session.is_of(asked, session.protocol()) && session.is_in_use(asked) && is_readable
     }
 
@@ -178,7 +179,8 @@ impl Room {
         let mut answers = session.answers();
         answers.reverse();
         let last = answers.first().filter(|given| self.is_last_said(given)).map(|given| &given.answer);
-        let skipped = last.filter(|answer| answer.response == Response::Skipped(None)).map(|answer| answer.query);
+        let skipped =
+            last.filter(|answer| answer.response == Response::Skipped(None)).map(|answer| answer.query);
         let answered = answers.iter().filter_map(|given| session.query(given.answer.query));
         let redo = session.redoable().and_then(|id| session.query(id)).filter(|asked| self.is_shown(asked));
         View {
@@ -209,7 +211,9 @@ impl Room {
     fn is_last_said(&self, given: &Given) -> bool {
         let after = self.said.iter().rev().take_while(|line| **line as u64 > given.seq);
         let mut after = after.map(|line| &self.store.entries()[*line].event);
-        after.all(|event| matches!(event, Event::SkipExplained { .. } | Event::Flagged { .. } | Event::Unflagged { .. }))
+        after.all(|event| {
+            matches!(event, Event::SkipExplained { .. } | Event::Flagged { .. } | Event::Unflagged { .. })
+        })
     }
 
     /// Takes in what was said. When this returns it is on disk, or it does not count.
@@ -251,7 +255,8 @@ impl Room {
     /// The clips of a query, as they are called where they are drawn.
     pub(super) fn clips(&self, id: QueryId) -> Option<[SegmentRef; 2]> {
         let asked = self.store.session().query(id).filter(|asked| self.is_shown(asked))?;
-        let at = |segment: SegmentRef| Some(SegmentRef { dream: *self.dreams.get(&segment.dream)?, ..segment });
+        let at =
+            |segment: SegmentRef| Some(SegmentRef { dream: *self.dreams.get(&segment.dream)?, ..segment });
         Some([at(asked.query.left)?, at(asked.query.right)?])
     }
 }

@@ -47,7 +47,8 @@ impl Tokens {
         let is_plain = |c: char| c.is_ascii_alphanumeric() || c == '-' || c == '_';
         for (name, token) in &read.tokens {
             if token.len() < SHORTEST || token.len() > 256 || !token.chars().all(is_plain) {
-                let why = format!("the token of {name:?} is not of {SHORTEST} to 256 letters, digits, - and _");
+                let why =
+                    format!("the token of {name:?} is not of {SHORTEST} to 256 letters, digits, - and _");
                 return Err(wrong(why));
             }
             if read.tokens.iter().any(|(other, same)| other != name && same == token) {

@@ -105,7 +105,8 @@ pub(super) fn pass_on(
         let mut here = asked.clone();
         (here.query.left, here.query.right) = (at(asked.query.left), at(asked.query.right));
         here.transition = asked.transition.map(|it| Transition { dream: dreams[&it.dream], ..it });
-        let is_dropped = [here.query.left, here.query.right].iter().any(|it| handed.session().is_dropped(it.dream));
+        let is_dropped =
+            [here.query.left, here.query.right].iter().any(|it| handed.session().is_dropped(it.dream));
         if is_dropped || !shown.insert(shown_by(&here)) {
             continue;
         }
@@ -119,7 +120,10 @@ pub(super) fn pass_on(
         (hashes(reading, true).collect(), hashes(reading, false).collect());
     // What somebody has answered about meanwhile stays.
     let session = handed.session();
-    let free = session.dreams().iter().filter(|kept| session.check(&Event::DreamDropped { dream: kept.dream }).is_ok());
+    let free = session
+        .dreams()
+        .iter()
+        .filter(|kept| session.check(&Event::DreamDropped { dream: kept.dream }).is_ok());
     let free: BTreeSet<String> = free.map(|kept| kept.sha256.clone()).collect();
     drop_dreams(handed, |hash| dropped.contains(hash) && !in_use.contains(hash) && free.contains(hash))?;
     Ok(handed.session().queries().len() - n_before)

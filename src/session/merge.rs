@@ -74,7 +74,10 @@ pub(super) fn hashes(reading: &Reading, dropped: bool) -> impl Iterator<Item = &
 }
 
 /// Deletes the dreams whose hashes are `unwanted`.
-pub(super) fn drop_dreams(store: &mut SessionStore, unwanted: impl Fn(&str) -> bool) -> Result<(), SessionError> {
+pub(super) fn drop_dreams(
+    store: &mut SessionStore,
+    unwanted: impl Fn(&str) -> bool,
+) -> Result<(), SessionError> {
     let dreams = store.session().dreams().iter().filter(|kept| unwanted(&kept.sha256));
     let dreams: Vec<_> = dreams.map(|kept| kept.dream).collect();
     dreams.into_iter().try_for_each(|dream| store.record(Event::DreamDropped { dream }))
@@ -363,7 +366,12 @@ fn append(
 
 impl SessionStore {
     /// Keeps a dream of another session as it stands in its file there.
-    pub(super) fn copy_dream(&mut self, kept: &KeptDream, bytes: &[u8], at: u64) -> Result<DreamId, SessionError> {
+    pub(super) fn copy_dream(
+        &mut self,
+        kept: &KeptDream,
+        bytes: &[u8],
+        at: u64,
+    ) -> Result<DreamId, SessionError> {
         let dream = DreamId(self.session().dreams().len() as u32);
         let file = store::dream_file(dream);
         self.write(&file, bytes, "copy a dream")?;

@@ -433,7 +433,10 @@ mod tests {
                 Key::Backspace => "Backspace".to_owned(),
                 key => key.symbol_or_name().to_lowercase(),
             };
-            assert!(page.contains(&format!("[\"{name}\", \"{key}\", ")), "{name} has another key than {key:?}");
+            assert!(
+                page.contains(&format!("[\"{name}\", \"{key}\", ")),
+                "{name} has another key than {key:?}"
+            );
         }
     }
 
