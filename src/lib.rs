@@ -42,6 +42,7 @@
 //! | [`experiment`] | grids of trials, their results, what these come to, Slurm | a trial is a pure function of its description; a folder goes on where it was left |
 //! | [`worker`] | threads | the only module that starts one; a worker owns its models and shares nothing |
 //! | [`app`] | the application without a window: state, commands, what follows from reports | no egui, file, thread or clock: all comes in as an argument and leaves as an effect |
+//! | [`serve`] | the label room for browsers: who may enter, what is asked, what was acknowledged | an answer is acknowledged once it is on disk; without a token nothing is told |
 //! | [`ui`] | egui, input devices, pictures | decides nothing: draws state, returns commands |
 //! | `cli` | the command line, in `main.rs` | every step without a window; one error in one sentence |
 //!
@@ -81,4 +82,5 @@ pub mod session;
 pub mod experiment;
 pub mod worker;
 pub mod app;
+pub mod serve;
 pub mod ui;

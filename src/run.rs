@@ -22,7 +22,7 @@ use crate::tensor::{Parameters, ParametersError};
 
 pub use appender::{AppendError, Appender};
 pub use building::{Building, IsOurs, is_being_built};
-pub use output::{Kind, OutputFile, replace_file, sync_folder, write_whole};
+pub use output::{Kind, OutputFile, replace_file, sync_folder, write_private, write_whole};
 use place::Told;
 pub use place::{check_folder, remove_partials};
 

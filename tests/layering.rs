@@ -8,13 +8,14 @@ use std::fs;
 use std::path::Path;
 
 /// Outside names, each with the only modules that may use it.
-const RESERVED: [(&str, &[&str]); 8] = [
+const RESERVED: [(&str, &[&str]); 9] = [
     ("egui", &["ui", "main"]),
     ("eframe", &["ui", "main"]),
     ("egui_plot", &["ui"]),
     ("winit", &["ui"]),
     ("gilrs", &["ui"]),
     ("rfd", &["ui"]),
+    ("httparse", &["serve"]),
     ("std::thread", &["worker"]),
     ("std::fs", &["dataset", "run", "session", "main"]),
 ];

@@ -33,6 +33,7 @@ mod reward_on;
 mod run_file;
 mod screen;
 mod script;
+mod serve;
 mod settings;
 mod simulate;
 mod sparse;
@@ -86,6 +87,8 @@ enum Command {
     Compare(compare::Options),
     /// Store a world model, a probe or a reward anew: in the layout of PyTorch, and in fewer bytes if that is asked
     Convert(convert::Options),
+    /// Offer a session's queries to several people in browsers, on this machine or on its network
+    Serve(serve::Options),
     /// Write a query with its answer, or a dream, as a GIF to show
     Clip(clip::Options),
     /// Write a session's answers and what they mean as a table, for other programs
@@ -162,6 +165,7 @@ pub(crate) fn run(cli: Cli) -> anyhow::Result<()> {
         Some(Command::Experiment(options)) => experiment::run(&options),
         Some(Command::Compare(options)) => compare::run(&options),
         Some(Command::Convert(options)) => convert::run(&options),
+        Some(Command::Serve(options)) => serve::run(&options),
         Some(Command::Clip(options)) => clip::run(&options),
         Some(Command::Labels(options)) => labels::run(&options),
         Some(Command::Reward(options)) => reward_on::run(&options),

@@ -169,20 +169,43 @@ pub fn write_whole(path: &Path, bytes: &[u8]) -> Result<(), RunError> {
 ///
 /// Where `path` is a link, what it leads to is written. What lies beside it for that moment has a name of its own.
 pub fn replace_file(path: &Path, bytes: &[u8]) -> io::Result<()> {
+    replace(path, bytes, false)
+}
+
+/// Writes a file whole that nobody else on this machine is to read, with an error that says what and where.
+pub fn write_private(path: &Path, bytes: &[u8]) -> Result<(), RunError> {
+    replace(path, bytes, true).map_err(RunError::disk("write the file", path))
+}
+
+fn replace(path: &Path, bytes: &[u8], is_private: bool) -> io::Result<()> {
     let path = &target(path);
     let folder = path.parent().filter(|folder| *folder != Path::new("")).unwrap_or(Path::new("."));
     let (mut file, partial) = new_partial(folder)?;
     let write = || {
-        file.write_all(bytes)?;
-        if let Ok(before) = fs::metadata(path) {
+        if is_private {
+            // Before there is anything in it.
+            make_private(&file)?;
+        } else if let Ok(before) = fs::metadata(path) {
             file.set_permissions(before.permissions()).ok();
         }
+        file.write_all(bytes)?;
         file.sync_all()?;
         drop(file);
         fs::rename(&partial, path)
     };
     write().inspect_err(|_| drop(fs::remove_file(&partial)))?;
     sync_folder(path)
+}
+
+#[cfg(unix)]
+fn make_private(file: &File) -> io::Result<()> {
+    use std::os::unix::fs::PermissionsExt as _;
+    file.set_permissions(fs::Permissions::from_mode(0o600))
+}
+
+#[cfg(not(unix))]
+fn make_private(_: &File) -> io::Result<()> {
+    Ok(())
 }
 
 /// Forces the name of `path`, rather than its content, to disk.
@@ -293,6 +316,19 @@ mod tests {
         assert_eq!(fs::read(path).unwrap(), b"a,b\n");
         assert!(refused.to_string().contains("a/t.csv"), "{refused}");
         fs::remove_file(path).unwrap();
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn what_is_private_is_read_by_nobody_else() {
+        use std::os::unix::fs::PermissionsExt as _;
+
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("keys.toml");
+        fs::write(&path, "old").unwrap();
+        write_private(&path, b"new").unwrap();
+        assert_eq!(fs::read(&path).unwrap(), b"new");
+        assert_eq!(fs::metadata(&path).unwrap().permissions().mode() & 0o777, 0o600);
     }
 
     #[cfg(unix)]

@@ -365,6 +365,16 @@ pub enum SessionError {
         /// The session that differs.
         path: PathBuf,
     },
+    /// A session in which somebody else answers.
+    #[error("in this session {found:?} answers, and not {annotator:?}: {path:?}")]
+    OtherAnnotator {
+        /// Who answers in it.
+        found: String,
+        /// Who was to.
+        annotator: String,
+        /// Its folder.
+        path: PathBuf,
+    },
     /// Another program has the session open.
     #[error("cannot write this session: another program has it open: {path:?}")]
     InUse {

@@ -7,6 +7,7 @@ use crate::query::{DreamId, QueryId, SegmentRef, Transition, Weights};
 use crate::session::AskedQuery;
 use crate::session::error::SessionError;
 use crate::session::event::{Choice, Event, KeptDream};
+use crate::session::hand_out::{in_a_folder, pass_on};
 use crate::session::header::{Header, timed_name};
 use crate::session::new::NewSession;
 use crate::session::store::{self, Reading, SessionStore};
@@ -48,7 +49,7 @@ pub fn merge_counted(dirs: &[PathBuf], out: &Path) -> Result<(SessionStore, usiz
 }
 
 /// A session in `out` that is there once it is `filled`, and not before: nobody takes half of one for the whole.
-fn whole(
+pub(super) fn whole(
     out: &Path,
     header: Header,
     fill: impl FnOnce(&mut SessionStore) -> Result<(), SessionError>,
@@ -66,14 +67,17 @@ pub fn merge_in(dirs: &[PathBuf], sessions: &Path) -> Result<SessionStore, Sessi
 }
 
 /// The hashes of the dreams that were deleted from a session, or that were not.
-fn hashes(reading: &Reading, dropped: bool) -> impl Iterator<Item = &str> {
+pub(super) fn hashes(reading: &Reading, dropped: bool) -> impl Iterator<Item = &str> {
     let dreams = reading.session.dreams().iter();
     let wanted = dreams.filter(move |kept| reading.session.is_dropped(kept.dream) == dropped);
     wanted.map(|kept| kept.sha256.as_str())
 }
 
 /// Deletes the dreams whose hashes are `unwanted`.
-fn drop_dreams(store: &mut SessionStore, unwanted: impl Fn(&str) -> bool) -> Result<(), SessionError> {
+pub(super) fn drop_dreams(
+    store: &mut SessionStore,
+    unwanted: impl Fn(&str) -> bool,
+) -> Result<(), SessionError> {
     let dreams = store.session().dreams().iter().filter(|kept| unwanted(&kept.sha256));
     let dreams: Vec<_> = dreams.map(|kept| kept.dream).collect();
     dreams.into_iter().try_for_each(|dream| store.record(Event::DreamDropped { dream }))
@@ -88,50 +92,20 @@ pub fn hand_on(dir: &Path, out: &Path, annotator: &str) -> Result<SessionStore, 
     header.config.weights = reading.session.weights().clone();
     annotator.clone_into(&mut header.config.annotator);
     whole(out, header, |handed| {
-        let mut dreams: BTreeMap<DreamId, DreamId> = BTreeMap::new();
-        for kept in reading.session.dreams() {
-            let bytes = match store::read_hashed(&dir.join(&kept.file), &kept.sha256) {
-                Ok(bytes) => bytes,
-                // It was deleted, and nothing is asked about it.
-                Err(_) if reading.session.is_dropped(kept.dream) => continue,
-                Err(e) => return Err(e),
-            };
-            dreams.insert(kept.dream, handed.copy_dream(kept, &bytes, store::now())?);
-        }
-        let asked = reading.session.queries().iter().filter(|asked| reading.session.is_in_use(asked));
-        let asked = asked.filter(|asked| asked.repeats().is_none() && asked.answer().is_some());
-        // What several have answered, in a session that was put together, is asked once.
-        let mut shown = BTreeSet::new();
-        for asked in asked {
-            let at = |segment: SegmentRef| SegmentRef { dream: dreams[&segment.dream], ..segment };
-            let (left, right, choice) = (at(asked.query.left), at(asked.query.right), asked.choice);
-            let [a, b] = [left, right].map(|segment| (segment.dream, segment.start));
-            let transition = asked.transition.map(|it| Transition { dream: dreams[&it.dream], ..it });
-            if !shown.insert((a.min(b), a.max(b), transition.map(|transition| transition.step))) {
-                continue;
-            }
-            let query = handed.session().next_query_id();
-            handed.record(match transition {
-                None => Event::Asked { query, left, right, choice },
-                Some(transition) => Event::AskedTransition { query, transition, choice },
-            })?;
-        }
-        let dropped: BTreeSet<&str> = hashes(&reading, true).collect();
-        drop_dreams(handed, |hash| dropped.contains(hash))
+        let is_wanted = |asked: &AskedQuery| asked.repeats().is_none() && asked.answer().is_some();
+        pass_on(handed, &reading, dir, is_wanted).map(drop)
     })
 }
 
 /// The same in a folder of its own below `sessions`.
 pub fn hand_on_in(dir: &Path, sessions: &Path, annotator: &str) -> Result<SessionStore, SessionError> {
-    // A name can be longer than that of a folder.
-    let plain = annotator.chars().map(|c| if c.is_alphanumeric() { c } else { '-' }).take(40);
-    let plain: String = plain.collect();
-    let out = store::free_folder(sessions, &timed_name(store::now(), &format!("for-{plain}")));
+    let name = format!("for-{}", in_a_folder(annotator));
+    let out = store::free_folder(sessions, &timed_name(store::now(), &name));
     hand_on(dir, &out, annotator)
 }
 
 /// The head of a session in `out` that goes on with what the one in `dir` was about.
-fn heir(header: &Header, dir: &Path, out: &Path) -> Header {
+pub(super) fn heir(header: &Header, dir: &Path, out: &Path) -> Header {
     let found = worlds::find(dir, header);
     let world_model_path = found.and_then(|file| relative(out, &file)).or(header.world_model_path.clone());
     let fresh = Header::new(&header.env, header.protocol, header.seed, &header.world_model, store::now());
@@ -140,7 +114,7 @@ fn heir(header: &Header, dir: &Path, out: &Path) -> Header {
 }
 
 /// Whether what was said in both sessions is about the same world, or what is not the same.
-fn alike(
+pub(super) fn alike(
     (one, one_dir): (&Reading, &Path),
     (other, other_dir): (&Reading, &Path),
 ) -> Result<(), &'static str> {
@@ -392,7 +366,12 @@ fn append(
 
 impl SessionStore {
     /// Keeps a dream of another session as it stands in its file there.
-    fn copy_dream(&mut self, kept: &KeptDream, bytes: &[u8], at: u64) -> Result<DreamId, SessionError> {
+    pub(super) fn copy_dream(
+        &mut self,
+        kept: &KeptDream,
+        bytes: &[u8],
+        at: u64,
+    ) -> Result<DreamId, SessionError> {
         let dream = DreamId(self.session().dreams().len() as u32);
         let file = store::dream_file(dream);
         self.write(&file, bytes, "copy a dream")?;

@@ -10,6 +10,7 @@
 mod channel;
 mod clock;
 mod command;
+mod crew;
 mod error;
 #[cfg(test)]
 mod fixtures;
@@ -49,6 +50,7 @@ pub use command::{
     JobCommand, ModelerCommand, RecorderCommand, ScreenerCommand, SessionWriterCommand, SynthesizerCommand,
     TrainerCommand, WorkerCommand,
 };
+pub use crew::Crew;
 pub use read_ahead::read_ahead;
 pub use report::{
     Cause, DeployReport, DreamReport, DreamStart, Dropped, JobReport, LabelReport, Learning, LoadedWorld,

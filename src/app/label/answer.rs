@@ -15,7 +15,7 @@ use crate::world::Frame;
 /// Queries that are drawn before they are needed.
 const N_AHEAD: usize = 5;
 /// Frames for which a clip stands at its end before it begins again.
-const REST: f64 = 5.0;
+pub(crate) const REST: f64 = 5.0;
 /// Pairs of clips that are kept, so that undoing shows them at once.
 const N_PAIRS: usize = 40;
 /// Seconds after which another query is drawn where one could not be written down.

@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 use crate::session::Statistics;
 
 /// Seconds without a sign of anybody after which nobody is taken to be there.
-const AWAY_AFTER: f64 = 30.0;
+pub(crate) const AWAY_AFTER: f64 = 30.0;
 /// The longest that one picture of the window may stand for, in seconds: more is a program that slept.
 const LONGEST_FRAME: f64 = 1.0;
 /// Seconds away that make a pause.

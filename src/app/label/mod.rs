@@ -16,13 +16,14 @@ pub use budget::Budget;
 pub use query_selection::QuerySelection;
 pub use seen::Moment;
 
-pub(crate) use answer::PREFERENCES;
+pub(crate) use answer::{PREFERENCES, REST};
+pub(crate) use budget::AWAY_AFTER;
 pub(crate) use budget::LabelClock;
 pub(crate) use pair::Pair;
 pub(crate) use predictions::Predictions;
 pub(crate) use query_selection::{MOST_HELD_BACK, MOST_REPEATS, obstacles};
-pub(crate) use seen::Shown;
-pub(crate) use trajectories::Synthesis;
+pub(crate) use seen::{LEAST_SECS, Shown};
+pub(crate) use trajectories::{Synthesis, next_transition};
 
 use query_selection::{Disagreements, is_held_back};
 
@@ -34,6 +35,7 @@ use crate::query::{
 };
 use crate::session::{Annotators, Choice, Session};
 use crate::worker::LabelReport;
+use crate::world::{EventKind, WorldSpec};
 
 /// On queries and their answers.
 #[derive(Clone, Debug, PartialEq)]
@@ -258,7 +260,7 @@ impl State {
     pub(crate) fn span(&self) -> Range<f64> {
         match self.shown_transition() {
             None => 0.0..SEGMENT_LEN as f64,
-            Some((_, outcome)) => outcome.saturating_sub(RUN_UP) as f64..(outcome + 1) as f64,
+            Some((_, outcome)) => run_up(outcome).start as f64..run_up(outcome).end as f64,
         }
     }
 
@@ -272,6 +274,23 @@ impl State {
         // What is played stands at its end for a moment; what is held can be anywhere.
         let last = if self.label.is_standing { SEGMENT_LEN } else { self.span().end as usize };
         (self.label.playhead as usize).min(last - 1)
+    }
+}
+
+/// The frames of a clip that are played over and over, where a transition with its outcome in this frame is asked about.
+pub(crate) fn run_up(outcome: usize) -> Range<usize> {
+    outcome.saturating_sub(RUN_UP)..outcome + 1
+}
+
+/// What is said of a step in which something of this kind happens: `Unsafe`, a colon and its name.
+pub(crate) fn verdict_name(spec: &WorldSpec, kind: EventKind) -> String {
+    let word = if kind == EventKind::Safety { "Unsafe" } else { "Good" };
+    let events: Vec<_> = spec.events_of(kind).map(|event| event.name.as_str()).collect();
+    match events[..] {
+        [] => word.to_owned(),
+        [one] => format!("{word}: {one}"),
+        [one, other] => format!("{word}: {one}, {other}"),
+        [one, ..] => format!("{word}: {one} or the like"),
     }
 }
 

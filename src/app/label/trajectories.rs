@@ -49,7 +49,9 @@ impl App {
         if missing == 0 || self.state.now < self.state.label.ask_again_at {
             return;
         }
-        if let Some((transition, choice)) = self.next_transition() {
+        let Some(open) = &self.state.open else { return };
+        let is_readable = |dream: DreamId| !self.state.label.unreadable.contains(&dream);
+        if let Some((transition, choice)) = next_transition(&open.session, open.header.seed, is_readable) {
             self.ask_about_transition(transition, choice);
         }
     }
@@ -58,30 +60,6 @@ impl App {
     pub(super) fn ask_about_transition(&mut self, transition: Transition, choice: Choice) {
         let Some(query) = self.state.session().map(Session::next_query_id) else { return };
         self.record(Event::AskedTransition { query, transition, choice });
-    }
-
-    /// The transition to ask about next, and why.
-    fn next_transition(&self) -> Option<(Transition, Choice)> {
-        let open = self.state.open.as_ref()?;
-        let (session, protocol) = (&open.session, open.session.protocol());
-        let is_readable = |dream: DreamId| !self.state.label.unreadable.contains(&dream);
-        let mut dreams = session.dreams_for(protocol);
-        dreams.retain(|(dream, _)| is_readable(*dream));
-        let len = |id| dreams.iter().find(|(dream, _)| *dream == id).map(|(_, len)| *len);
-        let next = last_transition(session, protocol).and_then(|last| last.next(len(last.dream)?));
-        let transition = match next {
-            Some(next) => next,
-            None if protocol == Protocol::Request => {
-                let fresh = session.fresh_trajectories().into_iter().find(|kept| is_readable(kept.dream))?;
-                Transition { dream: fresh.dream, first: 0, step: 0 }
-            }
-            None => {
-                let mut rng = ChaCha8Rng::seed_from_u64(open.header.seed);
-                rng.set_stream(u64::from(session.next_query_id().0));
-                sample_trajectory(&dreams, &mut rng)?
-            }
-        };
-        Some((transition, session.choice_of(transition.dream)))
     }
 
     /// Has another trajectory made where the present one comes to its end.
@@ -154,6 +132,33 @@ impl App {
             self.send(WorkerCommand::Synthesizer(SynthesizerCommand::Stop));
         }
     }
+}
+
+/// The transition to ask about next in a session with this seed, and why: the one after the last, or the first of another
+/// trajectory.
+pub(crate) fn next_transition(
+    session: &Session,
+    seed: u64,
+    is_readable: impl Fn(DreamId) -> bool,
+) -> Option<(Transition, Choice)> {
+    let protocol = session.protocol();
+    let mut dreams = session.dreams_for(protocol);
+    dreams.retain(|(dream, _)| is_readable(*dream));
+    let len = |id| dreams.iter().find(|(dream, _)| *dream == id).map(|(_, len)| *len);
+    let next = last_transition(session, protocol).and_then(|last| last.next(len(last.dream)?));
+    let transition = match next {
+        Some(next) => next,
+        None if protocol == Protocol::Request => {
+            let fresh = session.fresh_trajectories().into_iter().find(|kept| is_readable(kept.dream))?;
+            Transition { dream: fresh.dream, first: 0, step: 0 }
+        }
+        None => {
+            let mut rng = ChaCha8Rng::seed_from_u64(seed);
+            rng.set_stream(u64::from(session.next_query_id().0));
+            sample_trajectory(&dreams, &mut rng)?
+        }
+    };
+    Some((transition, session.choice_of(transition.dream)))
 }
 
 /// The transition that `protocol` asked about last.

@@ -10,8 +10,7 @@ mod trajectories;
 
 use eframe::egui::{Align, Key, Layout, Rect, RichText, Ui, UiBuilder, pos2, vec2};
 
-use crate::app::label::NORMAL_SPEED;
-use crate::app::label::PREFERENCES;
+use crate::app::label::{NORMAL_SPEED, PREFERENCES, verdict_name};
 use crate::app::{Command, LabelCommand, Panel, SessionCommand, WindowCommand};
 use crate::query::{
     Active, Preference, Protocol, QueryId, Response, SEGMENT_LEN, SafetyAnswer, SkipReason, Verdict,
@@ -297,7 +296,7 @@ fn answers_ui(ui: &mut Ui, state: &View<'_>, is_ready: bool, commands: &mut Comm
             row(ui, &preferences(names, &both), is_ready, commands);
         }
         Protocol::Request | Protocol::Dros => {
-            let names = [EventKind::Safety, EventKind::Progress].map(|kind| verdict_name(state, kind));
+            let names = [EventKind::Safety, EventKind::Progress].map(|kind| verdict_name(&state.spec, kind));
             let names = [names[0].as_str(), "Neither", names[1].as_str()];
             let keys = [KeyAction::PreferLeft, KeyAction::Equal, KeyAction::PreferRight].map(key);
             let verdicts = Verdict::ALL.into_iter().zip(names).zip(keys).map(|((verdict, name), key)| {
@@ -310,18 +309,6 @@ fn answers_ui(ui: &mut Ui, state: &View<'_>, is_ready: bool, commands: &mut Comm
             let response = |preference| Response::Justified(active, preference);
             row(ui, &preferences(plain, &response), is_ready, commands);
         }
-    }
-}
-
-/// What is said of a step in which something of this kind happens: `Unsafe: grass`.
-fn verdict_name(state: &View<'_>, kind: EventKind) -> String {
-    let word = if kind == EventKind::Safety { "Unsafe" } else { "Good" };
-    let events: Vec<_> = state.spec.events_of(kind).map(|event| event.name.as_str()).collect();
-    match events[..] {
-        [] => word.to_owned(),
-        [one] => format!("{word}: {one}"),
-        [one, other] => format!("{word}: {one}, {other}"),
-        [one, ..] => format!("{word}: {one} or the like"),
     }
 }
 

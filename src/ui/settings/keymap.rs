@@ -403,6 +403,44 @@ mod tests {
     }
 
     #[test]
+    fn the_page_for_browsers_has_the_keys_of_the_window() {
+        let page = include_str!("../../serve/page/page.js");
+        let arrows = r#"const ARROWS = ["ArrowLeft", "ArrowUp", "ArrowRight"];"#;
+        let preferences = [KeyAction::PreferLeft, KeyAction::Equal, KeyAction::PreferRight];
+        let keys = Keys::default();
+        assert_eq!(preferences.map(|it| keys.of(it)), [Key::ArrowLeft, Key::ArrowUp, Key::ArrowRight]);
+        assert!(page.contains(arrows), "and so on the page");
+        for (key_action, name) in [
+            (KeyAction::OnlyLeft, "Only left is safe"),
+            (KeyAction::OnlyRight, "Only right is safe"),
+            (KeyAction::Neither, "Neither is safe"),
+            (KeyAction::Yes, "Yes, it stays safe"),
+            (KeyAction::No, "No, it becomes unsafe"),
+            (KeyAction::Skip, "Skip"),
+            (KeyAction::Undo, "Undo"),
+            (KeyAction::Restore, "Redo"),
+            (KeyAction::Flag, "Flag"),
+            (KeyAction::Guide, "One question at a time"),
+            (KeyAction::Restart, "Again"),
+            (KeyAction::PauseClips, "Pause"),
+            (KeyAction::Back, "A frame back"),
+            (KeyAction::Forward, "A frame on"),
+            (KeyAction::Slower, "Slower"),
+            (KeyAction::Faster, "Faster"),
+        ] {
+            let key = match keys.of(key_action) {
+                Key::Space => " ".to_owned(),
+                Key::Backspace => "Backspace".to_owned(),
+                key => key.symbol_or_name().to_lowercase(),
+            };
+            assert!(
+                page.contains(&format!("[\"{name}\", \"{key}\", ")),
+                "{name} has another key than {key:?}"
+            );
+        }
+    }
+
+    #[test]
     fn every_key_of_a_file_is_one_of_the_window() {
         let known: std::collections::BTreeSet<_> = KEYS.into_iter().map(first_key).collect();
         assert_eq!(known.len(), KEYS.len());
