@@ -40,6 +40,7 @@
 //! | [`evaluation`] | episodes in the real world, metrics, agreement of people | takes a policy, returns numbers; same tracks for every method |
 //! | [`session`] | events, their log, replay, merging; arrays and weights on disk | with [`dataset`] and [`run`] the only modules that touch files; a session *is* its log |
 //! | [`experiment`] | grids of trials, their results, what these come to, Slurm | a trial is a pure function of its description; a folder goes on where it was left |
+//! | [`drqv2`] | DrQ-v2, the paper's upper bound: its networks, replay buffer and schedule | learns in the real world by its true reward, and counts what that costs; shares nothing with the method |
 //! | [`worker`] | threads | the only module that starts one; a worker owns its models and shares nothing |
 //! | [`app`] | the application without a window: state, commands, what follows from reports | no egui, file, thread or clock: all comes in as an argument and leaves as an effect |
 //! | [`serve`] | the label room for browsers: who may enter, what is asked, what was acknowledged | an answer is acknowledged once it is on disk; without a token nothing is told |
@@ -80,6 +81,7 @@ pub mod simulate;
 pub mod evaluation;
 pub mod session;
 pub mod experiment;
+pub mod drqv2;
 pub mod worker;
 pub mod app;
 pub mod serve;

@@ -52,7 +52,7 @@ const WHILE_TRAINING: [(&str, &str); 4] = [
 ];
 /// The subcommands that train for long.
 #[cfg(unix)]
-const TRAINING: [&str; 4] = ["fit-world", "fit-probe", "simulate", "refit"];
+const TRAINING: [&str; 5] = ["fit-world", "fit-probe", "fit-drqv2", "simulate", "refit"];
 
 /// Starts the program anew where that is not set yet. What somebody set otherwise is left alone.
 #[cfg(unix)]

@@ -164,6 +164,13 @@ pub fn read_parameters(path: &Path) -> Result<Parameters, RunError> {
 
 /// The file in a job's folder that lists what the job wrote, a name a line. Whoever works there holds its lock.
 const LIST: &str = ".dropj-job";
+/// The file in it that grows by a line of numbers now and then.
+const METRICS: &str = "metrics.jsonl";
+
+/// A line of [`METRICS`].
+fn line(metrics: &impl Serialize) -> String {
+    serde_json::to_string(metrics).unwrap_or_else(|e| unreachable!("plain numbers: {e}")) + "\n"
+}
 
 /// The folder of one job, in which it alone is at work.
 ///
@@ -285,11 +292,41 @@ impl Run {
         if path.exists() { read_parameters(&path).map(Some) } else { Ok(None) }
     }
 
+    /// Writes the file `name` of the job, which is of its own kind, whole.
+    pub fn write(&self, name: &str, bytes: &[u8]) -> Result<(), RunError> {
+        write_whole(&self.file(name)?, bytes)
+    }
+
+    /// What the file `name` of the job holds, if there is one.
+    pub fn read(&self, name: &str) -> Result<Option<Vec<u8>>, RunError> {
+        let path = self.dir.join(name);
+        match fs::read(&path) {
+            Err(e) if e.kind() == ErrorKind::NotFound => Ok(None),
+            read => read.map(Some).map_err(RunError::disk("read the job's file", &path)),
+        }
+    }
+
+    /// Removes the file `name` of the job, if there is one.
+    pub fn remove(&self, name: &str) -> Result<(), RunError> {
+        remove_file(&self.dir.join(name))
+    }
+
+    /// All lines of `metrics.jsonl` up to the first that cannot be read, as one that was cut short.
+    pub fn logged<T: DeserializeOwned>(&self) -> Result<Vec<T>, RunError> {
+        let bytes = self.read(METRICS)?.unwrap_or_default();
+        let lines = bytes.split(|byte| *byte == b'\n');
+        Ok(lines.map_while(|line| serde_json::from_slice(line).ok()).collect())
+    }
+
+    /// Writes `metrics.jsonl` anew with a line for each of `all`.
+    pub fn log_anew(&self, all: &[impl Serialize]) -> Result<(), RunError> {
+        self.write(METRICS, all.iter().map(line).collect::<String>().as_bytes())
+    }
+
     /// Appends a line to `metrics.jsonl`.
     pub fn log(&self, metrics: &impl Serialize) -> Result<(), RunError> {
-        let path = self.file("metrics.jsonl")?;
-        let mut line = serde_json::to_string(metrics).unwrap_or_else(|e| unreachable!("plain numbers: {e}"));
-        line.push('\n');
+        let path = self.file(METRICS)?;
+        let line = line(metrics);
         let append = || OpenOptions::new().append(true).create(true).open(&path)?.write_all(line.as_bytes());
         append().map_err(|met| RunError::Disk { doing: "log metrics", met, path: path.clone() })
     }

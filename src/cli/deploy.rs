@@ -5,6 +5,7 @@ use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 
 use anyhow::Context as _;
+use dropj::drqv2::DrqPolicy;
 use dropj::evaluation::{
     Constant, EpisodeMetrics, Oracle, PlanningPolicy, Policy, Summary, TracksAlike, Watched,
     evaluate_episode, table,
@@ -21,6 +22,7 @@ use rand_chacha::ChaCha8Rng;
 
 use super::choices::{Computing, OracleName, PlannerName, Switch};
 use super::chosen_world::{ChosenWorld, chosen_world};
+use super::fit_drqv2;
 use super::meter::Meter;
 use super::models;
 use super::numbers::{count, number32};
@@ -30,7 +32,7 @@ use super::words::names;
 #[derive(Debug, clap::Args)]
 pub(crate) struct Options {
     /// The session whose reward drives
-    #[arg(long, required_unless_present_any = ["random_reward", "straight_on", "oracle"])]
+    #[arg(long, required_unless_present_any = ["random_reward", "straight_on", "oracle", "drqv2"])]
     session: Option<PathBuf>,
     /// Drive by a reward that has learned nothing, drawn from this seed, for scale
     #[arg(long, conflicts_with = "session")]
@@ -42,7 +44,10 @@ pub(crate) struct Options {
     /// stand-in for a person sees in its pictures
     #[arg(long, value_enum, conflicts_with_all = ["session", "random_reward", "straight_on"])]
     oracle: Option<OracleName>,
-    /// The world to act in, by its name or its file [default: the session's, or car-racing]
+    /// Act as an agent that `fit-drqv2` trained, for scale: it learned in the real world, by its true reward
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["session", "random_reward", "straight_on", "oracle"])]
+    drqv2: Option<PathBuf>,
+    /// The world to act in, by its name or its file [default: the session's or the agent's, or car-racing]
     #[arg(long, value_name = "NAME|FILE", value_parser = chosen_world)]
     env: Option<ChosenWorld>,
     /// The driving aids of the paper's evaluation, where there are obstacles
@@ -85,6 +90,9 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
     tch::set_num_threads(1);
     let table_of_steps =
         options.steps.as_deref().map(|path| OutputFile::at(path, Kind::Table)).transpose()?;
+    if let Some(path) = &options.drqv2 {
+        return act_as_agent(options, path, table_of_steps);
+    }
     let header = options.session.as_deref().map(Header::read).transpose()?;
     let kept = options.session.as_deref().map(SessionStore::read_reward).transpose()?;
     let (model, env) = if let (Some(dir), Some(header)) = (&options.session, &header) {
@@ -121,48 +129,71 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
         print!("{}", all.with("env", env.name()).with("planner", &config).to_toml());
         return Ok(());
     }
+    let name = kept.map_or_else(|| "baseline".to_owned(), |(session, _)| names(&session.protocols()));
+    let straight_on = first_action(&config, &env);
+    drive_all(options, &env, &name, table_of_steps, &mut |number, drive| {
+        let agent = Agent::new(config.clone(), number);
+        match options.oracle {
+            _ if options.straight_on => drive(&mut Constant(straight_on)),
+            Some(OracleName::World) => drive(&mut Oracle::new(config.clone(), number)),
+            _ => drive(&mut PlanningPolicy::new(&model, &reward, agent)),
+        }
+    })
+}
+
+/// Acts as a trained agent does, without a session or a world model.
+fn act_as_agent(options: &Options, path: &Path, table_of_steps: Option<OutputFile>) -> anyhow::Result<()> {
+    let (agent, env) = fit_drqv2::agent(path, options.env.as_ref())?;
+    if let Some(all) = options.run_file.to_print() {
+        print!("{}", all.with("env", env.name()).to_toml());
+        return Ok(());
+    }
+    drive_all(options, &env, "drqv2", table_of_steps, &mut |_, drive| drive(&mut DrqPolicy::new(&agent)))
+}
+
+/// Drives one episode by the policy that it is given.
+type Drive<'a> = dyn FnMut(&mut dyn Policy) -> anyhow::Result<EpisodeMetrics> + 'a;
+
+/// Drives all episodes, each by the policy that `as_who` gives for its number, and says how they went.
+fn drive_all(
+    options: &Options,
+    env: &ChosenWorld,
+    name: &str,
+    table_of_steps: Option<OutputFile>,
+    as_who: &mut dyn FnMut(u64, &mut Drive<'_>) -> anyhow::Result<EpisodeMetrics>,
+) -> anyhow::Result<()> {
     let tracks = TracksAlike { seed: options.seed };
     let (mut episodes, mut meter) = (Vec::new(), Meter::new());
     let n_steps = options.episodes as usize * env.spec.longest_episode;
     let mut steps = String::new();
     let mut world = env.open(options.aids.is_on())?;
-    let straight_on = first_action(&config, &env);
     for i in 0..options.episodes {
         let number = options.seed.wrapping_add(i);
-        let agent = Agent::new(config.clone(), number);
-        let mut planning = PlanningPolicy::new(&model, &reward, agent);
-        let mut oracle = Oracle::new(config.clone(), number);
-        let policy: &mut dyn Policy = match options.oracle {
-            _ if options.straight_on => &mut Constant(straight_on),
-            Some(OracleName::World) => &mut oracle,
-            _ => &mut planning,
-        };
-        let metrics = evaluate_episode(&mut *world, tracks.track(i), policy, |world, step| {
-            if options.steps.is_some() {
-                if steps.is_empty() {
-                    steps = heading(world);
+        let metrics = as_who(number, &mut |policy| {
+            let metrics = evaluate_episode(&mut *world, tracks.track(i), policy, |world, step| {
+                if options.steps.is_some() {
+                    if steps.is_empty() {
+                        steps = heading(world);
+                    }
+                    steps.push_str(&line(number, world, step));
                 }
-                steps.push_str(&line(number, world, step));
-            }
-            let done = i as usize * env.spec.longest_episode + step.t + 1;
-            meter.at("driving steps", done, n_steps, || format!("track {number}"));
-            ControlFlow::Continue(())
-        });
-        let metrics = metrics.with_context(|| {
-            format!(
-                "the episode on track {} ended, for nothing can be driven by this",
-                options.seed.wrapping_add(i)
-            )
+                let done = i as usize * env.spec.longest_episode + step.t + 1;
+                meter.at("driving steps", done, n_steps, || format!("track {number}"));
+                ControlFlow::Continue(())
+            });
+            metrics.with_context(|| {
+                format!("the episode on track {number} ended, for nothing can be driven by this")
+            })
         })?;
         if options.json {
             meter.print(&serde_json::json!({"track": number, "metrics": metrics}).to_string());
         } else {
             meter.print(&format!(
-                "track {number}: return {:.0}, {}{} steps, plan {:.1} ms",
+                "track {number}: return {:.0}, {}{} steps{}",
                 metrics.ret,
                 events(&metrics),
                 metrics.n_steps,
-                metrics.plan_ms_mean.unwrap_or(0.0)
+                metrics.plan_ms_mean.map_or(String::new(), |ms| format!(", plan {ms:.1} ms"))
             ));
         }
         episodes.push(metrics);
@@ -175,8 +206,7 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
     if options.json {
         println!("{}", serde_json::json!({"summary": summary}));
     } else {
-        let name = kept.map_or_else(|| "baseline".to_owned(), |(session, _)| names(&session.protocols()));
-        println!("{}", table(&[(&name, summary)]));
+        println!("{}", table(&[(name, summary)]));
     }
     Ok(())
 }

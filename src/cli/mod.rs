@@ -17,6 +17,7 @@ mod error;
 mod experiment;
 mod first_world;
 mod export;
+mod fit_drqv2;
 mod fit_probe;
 mod fit_world;
 mod labels;
@@ -73,6 +74,9 @@ enum Command {
     CheckDevice(check_device::Options),
     /// Fit the probe, through which simulated people see
     FitProbe(fit_probe::Options),
+    /// Train DrQ-v2, the paper's upper bound, in the real world by its true reward, and count what is unsafe meanwhile
+    #[command(name = "fit-drqv2")]
+    FitDrqv2(fit_drqv2::Options),
     /// Play dreams, answer queries and fit a reward, with simulated people (steps 2 and 3)
     Simulate(simulate::Options),
     /// Learn a session's answers anew, perhaps with other weights (step 3)
@@ -127,6 +131,7 @@ impl Command {
         match self {
             Self::FitWorld(options) => Some(&mut options.run_file),
             Self::FitProbe(options) => Some(&mut options.run_file),
+            Self::FitDrqv2(options) => Some(&mut options.run_file),
             Self::Simulate(options) => Some(&mut options.run_file),
             Self::Refit(options) => Some(&mut options.run_file),
             Self::Deploy(options) => Some(&mut options.run_file),
@@ -158,6 +163,7 @@ pub(crate) fn run(cli: Cli) -> anyhow::Result<()> {
         Some(Command::CheckWorld(options)) => check_world::run(&options),
         Some(Command::CheckDevice(options)) => check_device::run(&options),
         Some(Command::FitProbe(options)) => fit_probe::run(&options),
+        Some(Command::FitDrqv2(options)) => fit_drqv2::run(&options),
         Some(Command::Simulate(options)) => simulate::run(&options),
         Some(Command::Refit(options)) => refit::run(&options),
         Some(Command::CheckReward(options)) => check_reward::run(&options),
@@ -255,6 +261,9 @@ mod tests {
             ("fit-probe --out X", "episodes", "-1 0 1 100001"),
             ("fit-probe --out X", "updates", "-1 0 10000001"),
             ("fit-probe --out X", "seed", "-1 18446744073709551616"),
+            ("fit-drqv2 --out X", "steps", "-1 0 4294967297"),
+            ("fit-drqv2 --out X", "batch", "-1 0 1048577"),
+            ("fit-drqv2 --out X", "capacity", "-1 0 NaN"),
             ("refit --session X", "updates", "-1 0 10000001"),
             ("refit --session X", "members", "-1 0 101"),
             ("refit --session X", "seed", "-1 18446744073709551616"),

@@ -21,9 +21,10 @@ use super::error::CliError;
 use super::words::sentence_of;
 
 /// The commands that a file can have a table for, each with the tables that can be in that one.
-const COMMANDS: [(&str, &[&str]); 5] = [
+const COMMANDS: [(&str, &[&str]); 6] = [
     ("fit-world", &["fit", "networks"]),
     ("fit-probe", &["fit"]),
+    ("fit-drqv2", &["fit"]),
     ("simulate", &["planner", "reward", "sparse"]),
     ("refit", &["reward", "sparse"]),
     ("deploy", &["planner"]),

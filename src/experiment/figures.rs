@@ -16,9 +16,9 @@ use crate::world::Frame;
 /// Pixels of a figure.
 const SIZE: (u32, u32) = (900, 560);
 /// The name under which the font of the window is known to figures.
-const FONT: &str = "sans-serif";
+pub(crate) const FONT: &str = "sans-serif";
 /// Colors that people who see fewer of them tell apart, too (Okabe and Ito).
-const COLORS: [RGBColor; 8] = [
+pub(crate) const COLORS: [RGBColor; 8] = [
     RGBColor(0, 114, 178),
     RGBColor(213, 94, 0),
     RGBColor(0, 158, 115),
@@ -46,6 +46,13 @@ pub struct Figure {
 pub struct FigureError {
     what: String,
     met: String,
+}
+
+impl FigureError {
+    /// Of the figure of `what`, for what was `met`.
+    pub(crate) fn new(what: &str, met: String) -> Self {
+        Self { what: what.to_owned(), met }
+    }
 }
 
 /// A figure of each measure.
@@ -76,7 +83,7 @@ fn figure(description: &Description, rows: &Rows, measure: &Measure) -> Result<F
 }
 
 /// Makes letters known: no font of the system is asked for.
-fn with_font() {
+pub(crate) fn with_font() {
     static KNOWN: Once = Once::new();
     KNOWN.call_once(|| {
         for style in [FontStyle::Normal, FontStyle::Bold] {
@@ -160,7 +167,7 @@ fn lines<B: DrawingBackend>(
         let of_seeds = points.iter().flat_map(|p| p.of_seeds.iter().map(|value| (p.x, scale * value)));
         chart.draw_series(of_seeds.map(|at| Circle::new(at, 2, color.mix(0.6).filled()))).map_err(said)?;
     }
-    legend(&mut chart)?;
+    legend(&mut chart, SeriesLabelPosition::UpperRight)?;
     area.present().map_err(said)
 }
 
@@ -214,13 +221,14 @@ fn bars<B: DrawingBackend>(
             chart.draw_series(of_seeds).map_err(said)?;
         }
     }
-    legend(&mut chart)?;
+    legend(&mut chart, SeriesLabelPosition::UpperRight)?;
     area.present().map_err(said)
 }
 
-type Chart<'a, B> = ChartContext<'a, B, Cartesian2d<RangedCoordf64, RangedCoordf64>>;
+/// A chart over two plain axes.
+pub(crate) type Chart<'a, B> = ChartContext<'a, B, Cartesian2d<RangedCoordf64, RangedCoordf64>>;
 
-fn grid<B: DrawingBackend>(chart: &mut Chart<'_, B>, x: &str, y: &str) -> Result<(), String> {
+pub(crate) fn grid<B: DrawingBackend>(chart: &mut Chart<'_, B>, x: &str, y: &str) -> Result<(), String> {
     chart
         .configure_mesh()
         .x_desc(x)
@@ -235,10 +243,13 @@ fn grid<B: DrawingBackend>(chart: &mut Chart<'_, B>, x: &str, y: &str) -> Result
         .map_err(said)
 }
 
-fn legend<'a, B: DrawingBackend + 'a>(chart: &mut Chart<'a, B>) -> Result<(), String> {
+pub(crate) fn legend<'a, B: DrawingBackend + 'a>(
+    chart: &mut Chart<'a, B>,
+    position: SeriesLabelPosition,
+) -> Result<(), String> {
     chart
         .configure_series_labels()
-        .position(SeriesLabelPosition::UpperRight)
+        .position(position)
         .label_font((FONT, 14))
         .background_style(WHITE.mix(0.8))
         .border_style(BLACK.mix(0.3))
@@ -246,7 +257,7 @@ fn legend<'a, B: DrawingBackend + 'a>(chart: &mut Chart<'a, B>) -> Result<(), St
         .map_err(said)
 }
 
-fn said(met: impl std::fmt::Display) -> String {
+pub(crate) fn said(met: impl std::fmt::Display) -> String {
     met.to_string()
 }
 
