@@ -142,6 +142,22 @@ pub fn make_folder(dir: &Path) -> Result<(), RunError> {
     fs::create_dir_all(dir).map_err(RunError::disk("make the folder", dir))
 }
 
+/// Waits until no other program of ours holds the file at `path`, which is made where there is none. It is held until what
+/// comes is dropped.
+///
+/// Some network disks know no locks: there two programs may do the same work, each to its end.
+pub fn hold(path: &Path) -> Result<File, RunError> {
+    if let Some(folder) = path.parent() {
+        make_folder(folder)?;
+    }
+    let file = OpenOptions::new().write(true).create(true).truncate(false).open(path);
+    let file = file.map_err(RunError::disk("make the file", path))?;
+    if let Err(met) = file.lock() {
+        log::warn!("could not lock {}: {met}", path.display());
+    }
+    Ok(file)
+}
+
 /// Removes the file at `path`, which is ours, if it is there.
 pub fn remove_file(path: &Path) -> Result<(), RunError> {
     match fs::remove_file(path) {

@@ -1,6 +1,6 @@
 //! `dropj experiment`: named or described grids of trials, on all cores or on a cluster.
 
-use std::collections::VecDeque;
+use std::collections::{BTreeMap, VecDeque};
 use std::io::Write as _;
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
@@ -9,7 +9,10 @@ use std::time::{Duration, Instant};
 
 use anyhow::Context as _;
 use dropj::experiment::slurm::ArrayJob;
-use dropj::experiment::{Description, Folder, Ground, Rows, Scale, Trial, named, names, run_trial};
+use dropj::experiment::{
+    Description, Evaluation, Evaluations, Folder, Ground, Outcome, Scale, Trial, learned_world, named, names,
+    run_trial,
+};
 use dropj::run::{read_at_most, write_whole};
 use dropj::worker::{n_processors, pause};
 
@@ -184,8 +187,8 @@ fn run_task(folder: &Folder, task: usize) -> anyhow::Result<()> {
     }
     // A processor for each trial: more threads would mostly wait.
     tch::set_num_threads(1);
-    match trial_rows(folder, &trial) {
-        Ok(rows) => Ok(folder.keep(task, &rows)?),
+    match outcome_of(folder, &trial) {
+        Ok(outcome) => Ok(folder.keep(task, &outcome)?),
         Err(met) => {
             folder.fail(task, &super::in_words(&met))?;
             Err(met)
@@ -193,14 +196,9 @@ fn run_task(folder: &Folder, task: usize) -> anyhow::Result<()> {
     }
 }
 
-fn trial_rows(folder: &Folder, trial: &Trial) -> anyhow::Result<Rows> {
+fn outcome_of(folder: &Folder, trial: &Trial) -> anyhow::Result<Outcome> {
     let description = &folder.description;
     let world = ChosenWorld::named(&description.world)?;
-    let file = world.named_world_model(description.world_model.as_deref().map(Path::new));
-    let model = models::world_model(&file)?;
-    models::require(&model, &world)?;
-    let probe = models::probe(None, &file, &world, model.backend())?;
-    probe.require(&model)?;
     let open = |aids| world.open(aids).map_err(|met| met.to_string());
     let mut said: Option<Instant> = None;
     let mut on_stage = |(what, done, n): (&'static str, usize, usize)| {
@@ -211,8 +209,25 @@ fn trial_rows(folder: &Folder, trial: &Trial) -> anyhow::Result<Rows> {
         }
         ControlFlow::Continue(())
     };
+    let (model, probe, figures) = if let Some(recorded) = trial.recorded {
+        let which = (recorded, trial.seed);
+        let learned = learned_world(folder.dir(), description, &world.spec, &open, which, &mut on_stage)?;
+        (learned.model, learned.probe, learned.figures)
+    } else {
+        let file = world.named_world_model(description.world_model.as_deref().map(Path::new));
+        let model = models::world_model(&file)?;
+        let probe = models::probe(None, &file, &world, model.backend())?;
+        (model, probe, BTreeMap::new())
+    };
+    models::require(&model, &world)?;
+    probe.require(&model)?;
     let ground = Ground { spec: &world.spec, model: &model, probe: &probe, open: &open };
-    Ok(Rows(run_trial(description, trial, &ground, &mut on_stage)?))
+    let mut keep =
+        |all: &[Evaluation]| folder.keep_evaluations(trial.index, all).map_err(|met| met.to_string());
+    let mut evaluations = Evaluations { known: folder.evaluations(trial.index)?, keep: &mut keep };
+    let mut outcome = run_trial(description, trial, &ground, &mut evaluations, &mut on_stage)?;
+    outcome.rows.iter_mut().for_each(|row| row.world_model.clone_from(&figures));
+    Ok(outcome)
 }
 
 fn collect(folder: &Folder) -> anyhow::Result<()> {

@@ -7,7 +7,7 @@ use plotters::coord::Shift;
 use plotters::prelude::*;
 
 use super::{Evaluated, Finished, Record};
-use crate::experiment::figures::{COLORS, FONT, FigureError, grid, legend, said, with_font};
+use crate::experiment::charts::{COLORS, FONT, FigureError, grid, legend, said, with_font};
 use crate::run::{Run, RunError};
 
 /// Pixels of the figure.

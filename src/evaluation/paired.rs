@@ -6,7 +6,7 @@
 use rand::{Rng, RngExt as _};
 use serde::Serialize;
 
-use super::significance::chi_square_tail;
+use super::significance::{chi_square_tail, ranked};
 
 /// Whether several treatments of the same blocks differ.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
@@ -47,22 +47,6 @@ pub fn friedman(blocks: &[Vec<f64>]) -> Option<Friedman> {
     let chi2 = ((12.0 * squares / (n * k * (k + 1.0)) - 3.0 * n * (k + 1.0)) / corrected).max(0.0);
     let df = sums.len() - 1;
     Some(Friedman { chi2, df, p: chi_square_tail(chi2, df) })
-}
-
-/// The ranks of values, equal ones sharing theirs, and Σ (τ³ − τ) over ties of τ values.
-fn ranked(values: &[f64]) -> (Vec<f64>, f64) {
-    let mut order: Vec<usize> = (0..values.len()).collect();
-    order.sort_by(|a, b| values[*a].total_cmp(&values[*b]));
-    let (mut ranks, mut ties, mut before) = (vec![0.0; values.len()], 0.0, 0);
-    for tied in order.chunk_by(|a, b| values[*a] == values[*b]) {
-        let tau = tied.len() as f64;
-        for i in tied {
-            ranks[*i] = before as f64 + f64::midpoint(tau, 1.0);
-        }
-        ties += tau.powi(3) - tau;
-        before += tied.len();
-    }
-    (ranks, ties)
 }
 
 /// The probability of pairs as they are, or further apart, where neither is greater: Wilcoxon's signed ranks, exact up to 20

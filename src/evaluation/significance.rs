@@ -106,26 +106,35 @@ pub fn dunn(groups: &[&[f64]]) -> Vec<Dunn> {
         .collect()
 }
 
-/// Equal values share the mean of their ranks.
+/// The ranks of all groups together, where they can differ.
 fn ranks(groups: &[&[f64]]) -> Option<Ranks> {
-    let mut values: Vec<(f64, usize)> =
-        groups.iter().enumerate().flat_map(|(i, group)| group.iter().map(move |value| (*value, i))).collect();
-    values.sort_by(|(a, _), (b, _)| a.total_cmp(b));
-    let (mut sums, mut ties, mut before) = (vec![0.0; groups.len()], 0.0, 0);
-    for tied in values.chunk_by(|(a, _), (b, _)| a == b) {
+    let (ranks, ties) = ranked(&groups.concat());
+    let n = ranks.len() as f64;
+    let can_differ = groups.len() > 1 && groups.iter().all(|group| !group.is_empty()) && ties < n.powi(3) - n;
+    let mut rest = &ranks[..];
+    let means = groups.iter().map(|group| {
+        let (of_group, others) = rest.split_at(group.len());
+        rest = others;
+        (of_group.iter().sum::<f64>() / group.len() as f64, group.len() as f64)
+    });
+    let groups = means.collect();
+    can_differ.then_some(Ranks { groups, n, ties })
+}
+
+/// The ranks of values, equal ones sharing the mean of theirs, and Σ (τ³ − τ) over ties of τ values.
+pub(super) fn ranked(values: &[f64]) -> (Vec<f64>, f64) {
+    let mut order: Vec<usize> = (0..values.len()).collect();
+    order.sort_by(|a, b| values[*a].total_cmp(&values[*b]));
+    let (mut ranks, mut ties, mut before) = (vec![0.0; values.len()], 0.0, 0);
+    for tied in order.chunk_by(|a, b| values[*a] == values[*b]) {
         let tau = tied.len() as f64;
-        let rank = before as f64 + f64::midpoint(tau, 1.0);
-        for (_, i) in tied {
-            sums[*i] += rank;
+        for i in tied {
+            ranks[*i] = before as f64 + f64::midpoint(tau, 1.0);
         }
         ties += tau.powi(3) - tau;
         before += tied.len();
     }
-    let n = values.len() as f64;
-    let can_differ = groups.len() > 1 && groups.iter().all(|group| !group.is_empty()) && ties < n.powi(3) - n;
-    let means =
-        sums.into_iter().zip(groups).map(|(sum, group)| (sum / group.len() as f64, group.len() as f64));
-    can_differ.then(|| Ranks { groups: means.collect(), n, ties })
+    (ranks, ties)
 }
 
 /// The probability that χ² with `df` degrees of freedom is at least `x`: a finite sum, for `df` is whole.

@@ -6,6 +6,7 @@ use std::fmt::Write as _;
 use serde::{Deserialize, Serialize};
 
 use super::mistakes::Mistakes;
+use super::options::{Search, WorldModels};
 use crate::planner::PlannerConfig;
 use crate::query::{Justifications, Protocol, Strategy, Weights};
 use crate::reward::RewardConfig;
@@ -36,6 +37,9 @@ pub struct Description {
     /// Its world model, if not the one that belongs to the world.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub world_model: Option<String>,
+    /// From how many recorded episodes world models are learned, if that is asked.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub recorded: Vec<usize>,
     /// What people are asked.
     pub methods: Vec<Protocol>,
     /// Each is a chain of its own: of dreams, answers and fits.
@@ -88,6 +92,21 @@ pub struct Description {
     /// What figures are drawn over.
     #[serde(default)]
     pub axis: Axis,
+    /// Whether the gradients of answers are measured while a reward learns from them.
+    #[serde(default, skip_serializing_if = "is_false")]
+    pub gradients: bool,
+    /// Whether it is measured how long this machine takes for a trajectory to be labeled: DROS's and `ReQueST`'s.
+    #[serde(default, skip_serializing_if = "is_false")]
+    pub times: bool,
+    /// So many states of each method's labeled trajectories are laid out in the plane; none where it is 0.
+    #[serde(default, skip_serializing_if = "is_none")]
+    pub states: usize,
+    /// How world models are learned, where `recorded` asks for that.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub world_models: Option<WorldModels>,
+    /// How weights are searched for, if they are.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub search: Option<Search>,
 }
 
 /// What answers weigh, by name: `default`, `safety` and the world's justifications. What is not named weighs what it does.
@@ -104,6 +123,8 @@ pub enum Axis {
     Minutes,
     /// Wrong answers to critical queries.
     CriticalMistakes,
+    /// The episodes that the world model was learned from.
+    Recorded,
     /// What differs is no number.
     Variants,
 }
@@ -157,18 +178,6 @@ pub enum Plans {
     Oracle,
 }
 
-/// How large an experiment is.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Scale {
-    /// Seconds: whether it runs at all.
-    Toy,
-    /// Minutes.
-    Quick,
-    /// As it is reported.
-    #[default]
-    Full,
-}
-
 /// One chain: a method, a way to choose queries, and a seed.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Trial {
@@ -178,6 +187,8 @@ pub struct Trial {
     pub method: Protocol,
     /// How pairs are chosen.
     pub strategy: Strategy,
+    /// From how many recorded episodes its world model was learned; none where it was there before.
+    pub recorded: Option<usize>,
     /// The seed.
     pub seed: u64,
 }
@@ -189,6 +200,8 @@ pub struct Variant {
     pub first: Option<usize>,
     /// What they weigh.
     pub weights: WeightSet,
+    /// Whether these weights were found by a search.
+    pub found: bool,
     /// How many are wrong.
     pub mistakes: Mistakes,
     /// Who answers.
@@ -247,15 +260,19 @@ impl Description {
         if self.fits.is_empty() || self.planners.is_empty() {
             return wrong("there must be at least one of fits and planners each".to_owned());
         }
+        // What is measured while rewards learn need not be driven.
+        let least_driven = usize::from(!self.gradients);
+        let n_worlds = self.recorded.len().max(1);
         let counts = [
-            ("dreams", self.dreams),
-            ("dream-steps", self.dream_steps),
-            ("episodes", self.episodes as usize),
-            ("trials", self.methods.len() * self.strategies.len() * self.seeds.len()),
+            ("dreams", 1, self.dreams),
+            ("dream-steps", 1, self.dream_steps),
+            ("episodes", least_driven, self.episodes as usize),
+            ("trials", 1, self.methods.len() * self.strategies.len() * self.seeds.len() * n_worlds),
+            ("states", 0, self.states),
         ];
-        for (what, n) in counts {
-            if !(1..=MOST).contains(&n) {
-                return wrong(format!("{what} must be 1 to {MOST}, and are {n}"));
+        for (what, least, n) in counts {
+            if !(least..=MOST).contains(&n) {
+                return wrong(format!("{what} must be {least} to {MOST}, and are {n}"));
             }
         }
         if self.dreams.saturating_mul(self.dream_steps) > 10_000_000 {
@@ -275,13 +292,41 @@ impl Description {
         if self.weights.iter().flat_map(BTreeMap::values).any(|weight| !(*weight > 0.5 && *weight <= 1.0)) {
             return wrong("weights must be above 0.5 and at most 1".to_owned());
         }
-        Ok(())
+        self.check_measures()
+    }
+
+    /// Fails where what is measured beside driving cannot be.
+    fn check_measures(&self) -> Result<(), DescriptionError> {
+        let wrong = |what: String| Err(DescriptionError::Value { name: self.name.clone(), what });
+        if self.recorded.iter().any(|n| !(1..=MOST).contains(n)) {
+            return wrong(format!("world models are learned from 1 to {MOST} episodes"));
+        }
+        if self.recorded.is_empty() == self.world_models.is_some() {
+            return wrong(
+                "`recorded`, a list of numbers, and a section [world-models] go together".to_owned(),
+            );
+        }
+        if self.world_models.is_some() && self.world_model.is_some() {
+            return wrong("a world model is either given or learned".to_owned());
+        }
+        if (self.search.is_some() || self.gradients) && self.methods.iter().any(|method| method.is_sparse()) {
+            return wrong("weights and gradients are those of answers about pairs".to_owned());
+        }
+        if self.search.is_some() && (self.episodes == 0 || self.planners != [Plans::Ours]) {
+            return wrong("weights are searched for by driving with the planner `ours`".to_owned());
+        }
+        let fault = self.world_models.as_ref().and_then(WorldModels::fault);
+        match fault.or_else(|| self.search.as_ref().and_then(Search::fault)) {
+            Some(fault) => wrong(fault),
+            None => Ok(()),
+        }
     }
 
     /// Fails where its weights name what the world `spec` does not know.
     pub fn check_for(&self, spec: &WorldSpec) -> Result<(), DescriptionError> {
         let known = Weights::of(spec).justifications;
-        for name in self.weights.iter().flat_map(BTreeMap::keys) {
+        let searched = self.search.iter().flat_map(|search| &search.weights);
+        for name in self.weights.iter().flat_map(BTreeMap::keys).chain(searched) {
             let is_known = name == "safety" || known.named(name).is_ok();
             if !is_known {
                 let names = known.iter().map(|(_, name, _)| name).collect::<Vec<_>>().join(", ");
@@ -300,7 +345,14 @@ impl Description {
                 // A trajectory is asked about as a whole, however pairs would be chosen.
                 let n = if method.is_sparse() { 1 } else { self.strategies.len() };
                 for &strategy in &self.strategies[..n] {
-                    trials.push(Trial { index: trials.len(), method, strategy, seed });
+                    let worlds: Vec<_> = if self.recorded.is_empty() {
+                        vec![None]
+                    } else {
+                        self.recorded.iter().copied().map(Some).collect()
+                    };
+                    for recorded in worlds {
+                        trials.push(Trial { index: trials.len(), method, strategy, recorded, seed });
+                    }
                 }
             }
         }
@@ -322,7 +374,16 @@ impl Description {
                         for weights in &or(&self.weights, WeightSet::new()) {
                             for &first in &firsts {
                                 let weights = weights.clone();
-                                variants.push(Variant { first, weights, mistakes, annotators, fit, plans });
+                                let found = false;
+                                variants.push(Variant {
+                                    first,
+                                    weights,
+                                    found,
+                                    mistakes,
+                                    annotators,
+                                    fit,
+                                    plans,
+                                });
                             }
                         }
                     }
@@ -355,28 +416,6 @@ impl Description {
             ..SimulateConfig::of(spec, trial.method, trial.seed)
         }
     }
-
-    /// The same at another scale: with fewer seeds, shorter dreams and episodes, and fewer variants.
-    #[must_use]
-    pub fn at(mut self, scale: Scale) -> Self {
-        let (seeds, dreams, steps, queries, episodes, episode_steps) = match scale {
-            Scale::Full => return self,
-            Scale::Quick => (2, 4, 400, 100, 1, Some(400)),
-            Scale::Toy => (2, 2, 60, 8, 1, Some(24)),
-        };
-        let share = queries as f64 / self.queries.max(1) as f64;
-        let shrunk = |n: usize| ((n as f64 * share).ceil() as usize).max(2);
-        self.first = self.first.iter().map(|first| shrunk(*first)).collect();
-        self.first.dedup();
-        self.seeds.truncate(seeds);
-        self.dreams = self.dreams.min(dreams);
-        self.dream_steps = self.dream_steps.min(steps);
-        self.queries = self.queries.min(queries);
-        self.verdicts = self.verdicts.min(queries * 8);
-        self.episodes = self.episodes.min(episodes);
-        self.episode_steps = episode_steps;
-        self
-    }
 }
 
 impl Variant {
@@ -389,6 +428,7 @@ impl Variant {
             *self = Self {
                 first: None,
                 weights: WeightSet::new(),
+                found: false,
                 mistakes: Mistakes::NONE,
                 annotators: Annotators::Careful,
                 fit: Fit::Ours,
@@ -436,6 +476,16 @@ impl Variant {
     }
 }
 
+#[expect(clippy::trivially_copy_pass_by_ref, reason = "serde hands over a reference")]
+fn is_false(value: &bool) -> bool {
+    !value
+}
+
+#[expect(clippy::trivially_copy_pass_by_ref, reason = "serde hands over a reference")]
+fn is_none(n: &usize) -> bool {
+    *n == 0
+}
+
 fn thousand() -> usize {
     1000
 }
@@ -463,7 +513,7 @@ fn our_plans() -> Vec<Plans> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::experiment::{named, names};
+    use crate::experiment::{Scale, named, names};
 
     #[test]
     fn every_named_experiment_survives_its_file_at_every_scale() {
@@ -509,6 +559,20 @@ mod tests {
         assert!(met.contains("\"ice\" weighs something"), "{met}");
         odd.weights = vec![[("safety".to_owned(), 0.4)].into()];
         assert!(odd.check().is_err());
+        let search = named("learned-weights").unwrap();
+        let spec = WorldSpec::default();
+        search.check_for(&spec).unwrap();
+        let with = |change: &dyn Fn(&mut Search)| {
+            let mut search = search.clone();
+            search.search.iter_mut().for_each(change);
+            search.check().and_then(|()| search.check_for(&spec)).unwrap_err().to_string()
+        };
+        assert!(with(&|it| it.weights = vec!["ice".to_owned()]).contains("\"ice\" weighs something"));
+        assert!(with(&|it| it.evaluations = 0).contains("evaluations"));
+        assert!(with(&|it| it.tracks = 0).contains("tracks"));
+        let mut world_size = named("world-size").unwrap();
+        world_size.recorded.clear();
+        assert!(world_size.check().unwrap_err().to_string().contains("go together"));
     }
 
     #[test]

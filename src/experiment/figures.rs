@@ -1,59 +1,9 @@
-//! Figures of an experiment, as vectors and as pixels: a line for each series over an axis, or the episodes of each.
+//! Figures of what was driven: for each measure a line for each series over an axis, or the episodes of each.
 
-use std::sync::Once;
-
-use plotters::coord::Shift;
-use plotters::coord::types::RangedCoordf64;
-use plotters::prelude::*;
-use plotters::style::{FontStyle, register_font};
-
+use super::charts::{Bars, Curve, Figure, FigureError, Lines, Place, Words, drawn};
 use super::description::{Axis, Description};
-use super::summary::{Series, series};
+use super::summary::series;
 use super::table::{Measure, Rows};
-use crate::dataset::png_bytes;
-use crate::world::Frame;
-
-/// Pixels of a figure.
-const SIZE: (u32, u32) = (900, 560);
-/// The name under which the font of the window is known to figures.
-pub(crate) const FONT: &str = "sans-serif";
-/// Colors that people who see fewer of them tell apart, too (Okabe and Ito).
-pub(crate) const COLORS: [RGBColor; 8] = [
-    RGBColor(0, 114, 178),
-    RGBColor(213, 94, 0),
-    RGBColor(0, 158, 115),
-    RGBColor(204, 121, 167),
-    RGBColor(86, 180, 233),
-    RGBColor(230, 159, 0),
-    RGBColor(90, 90, 90),
-    RGBColor(150, 110, 60),
-];
-
-/// A drawn figure.
-#[derive(Clone, Debug)]
-pub struct Figure {
-    /// That of its files, without their ends.
-    pub name: String,
-    /// As vectors.
-    pub svg: String,
-    /// The bytes of a PNG.
-    pub png: Vec<u8>,
-}
-
-/// Why a figure cannot be drawn.
-#[derive(Debug, thiserror::Error)]
-#[error("the figure of {what} cannot be drawn: {met}")]
-pub struct FigureError {
-    what: String,
-    met: String,
-}
-
-impl FigureError {
-    /// Of the figure of `what`, for what was `met`.
-    pub(crate) fn new(what: &str, met: String) -> Self {
-        Self { what: what.to_owned(), met }
-    }
-}
 
 /// A figure of each measure.
 ///
@@ -64,206 +14,40 @@ pub fn figures(description: &Description, rows: &Rows) -> Result<Vec<Figure>, Fi
 }
 
 fn figure(description: &Description, rows: &Rows, measure: &Measure) -> Result<Figure, FigureError> {
-    let all = series(description, rows, measure);
-    let failed = |met: String| FigureError { what: measure.title(), met };
-    // Vectors name the font, and ask how wide its letters are.
-    with_font();
-    let mut svg = String::new();
-    {
-        let area = SVGBackend::with_string(&mut svg, SIZE).into_drawing_area();
-        draw(&area, description, measure, &all).map_err(failed)?;
-    }
-    let mut pixels = vec![0; (SIZE.0 * SIZE.1 * 3) as usize];
-    {
-        let area = BitMapBackend::with_buffer(&mut pixels, SIZE).into_drawing_area();
-        draw(&area, description, measure, &all).map_err(failed)?;
-    }
-    let png = png_bytes(&Frame::new(SIZE.1, SIZE.0, pixels));
-    Ok(Figure { name: measure.slug(), svg, png })
-}
-
-/// Makes letters known: no font of the system is asked for.
-pub(crate) fn with_font() {
-    static KNOWN: Once = Once::new();
-    KNOWN.call_once(|| {
-        for style in [FontStyle::Normal, FontStyle::Bold] {
-            if register_font(FONT, style, epaint_default_fonts::UBUNTU_LIGHT).is_err() {
-                log::warn!("the font of figures cannot be read");
-            }
-        }
-    });
-}
-
-fn draw<B: DrawingBackend>(
-    area: &DrawingArea<B, Shift>,
-    description: &Description,
-    measure: &Measure,
-    all: &[Series],
-) -> Result<(), String> {
-    area.fill(&WHITE).map_err(said)?;
-    if description.axis == Axis::Variants {
-        bars(area, description, measure, all)
-    } else {
-        lines(area, description, measure, all)
-    }
-}
-
-/// Values from 0, or below, to above the highest, in percent where they are shares.
-fn bounds(measure: &Measure, values: impl Iterator<Item = f64>) -> (f64, f64, f64) {
+    // Shares are shown in percent.
     let scale = if measure.is_share() { 100.0 } else { 1.0 };
-    let (mut low, mut high) = (0.0f64, f64::EPSILON);
-    for value in values {
-        (low, high) = (low.min(scale * value), high.max(scale * value));
-    }
-    (scale, if low < 0.0 { low * 1.05 } else { 0.0 }, if high < 1e-6 { 1.0 } else { high * 1.08 })
-}
-
-/// A number at an axis, with no more digits than it has.
-#[expect(clippy::trivially_copy_pass_by_ref, reason = "axes ask so")]
-fn number(value: &f64) -> String {
-    let text = format!("{value:.2}");
-    text.trim_end_matches('0').trim_end_matches('.').to_owned()
-}
-
-fn label(measure: &Measure) -> String {
-    if measure.is_share() { format!("{} (%)", measure.title()) } else { measure.title() }
-}
-
-/// A line a series with the interval of its mean, and a point for each seed.
-fn lines<B: DrawingBackend>(
-    area: &DrawingArea<B, Shift>,
-    description: &Description,
-    measure: &Measure,
-    all: &[Series],
-) -> Result<(), String> {
-    let points = || all.iter().flat_map(|(_, points)| points);
-    let (scale, low, high) =
-        bounds(measure, points().flat_map(|p| p.of_seeds.iter().chain(&p.mean)).copied());
-    let right = points().map(|point| point.x).fold(1.0, f64::max);
-    let mut chart = ChartBuilder::on(area)
-        .caption(&description.title, (FONT, 19))
-        .margin(14)
-        .x_label_area_size(46)
-        .y_label_area_size(70)
-        .build_cartesian_2d(0.0..right * 1.03, low..high)
-        .map_err(said)?;
-    let x_label = match description.axis {
+    let curves: Vec<Curve> = series(description, rows, measure)
+        .into_iter()
+        .map(|(name, points)| {
+            let places = points.into_iter().map(|point| Place {
+                x: point.x,
+                mean: point.mean.map(|value| scale * value),
+                of: point.of_seeds.iter().map(|value| scale * value).collect(),
+            });
+            Curve { name, places: places.collect() }
+        })
+        .collect();
+    let x = match description.axis {
         Axis::Answers => "answers",
         Axis::Minutes => "minutes of feedback",
-        _ => "wrong answers to critical queries (%)",
+        Axis::CriticalMistakes => "wrong answers to critical queries (%)",
+        Axis::Recorded => "recorded episodes that the world model was learned from",
+        Axis::Variants => "",
     };
-    grid(&mut chart, x_label, &label(measure))?;
-    for (i, (name, points)) in all.iter().enumerate() {
-        let color = COLORS[i % COLORS.len()];
-        let upper = points.iter().map(|p| (p.x, scale * p.mean[2]));
-        let lower = points.iter().rev().map(|p| (p.x, scale * p.mean[1]));
-        let band: Vec<_> = upper.chain(lower).collect();
-        chart.draw_series([Polygon::new(band, color.mix(0.15))]).map_err(said)?;
-        let line = LineSeries::new(points.iter().map(|p| (p.x, scale * p.mean[0])), color.stroke_width(2));
-        let drawn = chart.draw_series(line).map_err(said)?;
-        drawn
-            .label(name)
-            .legend(move |(x, y)| PathElement::new([(x, y), (x + 18, y)], color.stroke_width(3)));
-        let of_seeds = points.iter().flat_map(|p| p.of_seeds.iter().map(|value| (p.x, scale * value)));
-        chart.draw_series(of_seeds.map(|at| Circle::new(at, 2, color.mix(0.6).filled()))).map_err(said)?;
+    let title = measure.title();
+    let y = if measure.is_share() { format!("{title} (%)") } else { title };
+    let words = Words { caption: description.title.clone(), x: x.to_owned(), y };
+    if description.axis == Axis::Variants {
+        drawn(measure.slug(), &Bars { words: &words, curves: &curves })
+    } else {
+        drawn(measure.slug(), &Lines { words: &words, curves: &curves })
     }
-    legend(&mut chart, SeriesLabelPosition::UpperRight)?;
-    area.present().map_err(said)
-}
-
-/// The mean of each series with its interval, and a point for each seed.
-fn bars<B: DrawingBackend>(
-    area: &DrawingArea<B, Shift>,
-    description: &Description,
-    measure: &Measure,
-    all: &[Series],
-) -> Result<(), String> {
-    let points = || all.iter().flat_map(|(_, points)| points);
-    let (scale, low, high) =
-        bounds(measure, points().flat_map(|p| p.of_seeds.iter().chain(&p.mean)).copied());
-    let mut chart = ChartBuilder::on(area)
-        .caption(&description.title, (FONT, 19))
-        .margin(14)
-        .x_label_area_size(20)
-        .y_label_area_size(70)
-        .build_cartesian_2d(-0.6..all.len() as f64 - 0.4, low..high)
-        .map_err(said)?;
-    chart
-        .configure_mesh()
-        .disable_x_mesh()
-        .x_labels(0)
-        .y_label_formatter(&number)
-        .y_desc(label(measure))
-        .label_style((FONT, 14))
-        .axis_desc_style((FONT, 16))
-        .max_light_lines(0)
-        .bold_line_style(BLACK.mix(0.12))
-        .draw()
-        .map_err(said)?;
-    for (i, (name, points)) in all.iter().enumerate() {
-        let color = COLORS[i % COLORS.len()];
-        for point in points {
-            let x = i as f64;
-            let [mean, from, to] = point.mean.map(|value| scale * value);
-            let bar =
-                Rectangle::new([(x - 0.28, 0.0f64.max(low)), (x + 0.28, mean)], color.mix(0.35).filled());
-            let drawn = chart.draw_series([bar]).map_err(said)?;
-            drawn
-                .label(name)
-                .legend(move |(x, y)| Rectangle::new([(x, y - 5), (x + 14, y + 5)], color.mix(0.6).filled()));
-            let whisker = PathElement::new([(x, from), (x, to)], color.stroke_width(2));
-            chart.draw_series([whisker]).map_err(said)?;
-            let n = point.of_seeds.len();
-            let of_seeds = point.of_seeds.iter().enumerate().map(|(k, value)| {
-                let aside = 0.36 * ((k as f64 + 0.5) / n as f64 - 0.5);
-                Circle::new((x + aside, scale * value), 3, color.filled())
-            });
-            chart.draw_series(of_seeds).map_err(said)?;
-        }
-    }
-    legend(&mut chart, SeriesLabelPosition::UpperRight)?;
-    area.present().map_err(said)
-}
-
-/// A chart over two plain axes.
-pub(crate) type Chart<'a, B> = ChartContext<'a, B, Cartesian2d<RangedCoordf64, RangedCoordf64>>;
-
-pub(crate) fn grid<B: DrawingBackend>(chart: &mut Chart<'_, B>, x: &str, y: &str) -> Result<(), String> {
-    chart
-        .configure_mesh()
-        .x_desc(x)
-        .y_desc(y)
-        .x_label_formatter(&number)
-        .y_label_formatter(&number)
-        .label_style((FONT, 14))
-        .axis_desc_style((FONT, 16))
-        .max_light_lines(0)
-        .bold_line_style(BLACK.mix(0.12))
-        .draw()
-        .map_err(said)
-}
-
-pub(crate) fn legend<'a, B: DrawingBackend + 'a>(
-    chart: &mut Chart<'a, B>,
-    position: SeriesLabelPosition,
-) -> Result<(), String> {
-    chart
-        .configure_series_labels()
-        .position(position)
-        .label_font((FONT, 14))
-        .background_style(WHITE.mix(0.8))
-        .border_style(BLACK.mix(0.3))
-        .draw()
-        .map_err(said)
-}
-
-pub(crate) fn said(met: impl std::fmt::Display) -> String {
-    met.to_string()
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::experiment::charts::SIZE;
     use crate::experiment::named;
     use crate::experiment::table::made_up::rows;
 

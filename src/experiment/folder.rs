@@ -2,10 +2,13 @@
 //!
 //! ```text
 //! experiment.toml      what is asked, at its scale
-//! trials/0003.jsonl    what trial 3 brought; written whole when it is done
+//! trials/0003.jsonl    what trial 3 brought: what was driven; written whole when it is done
+//! trials/0003.*.jsonl  what else it brought: gradients, states, times, evaluations
 //! trials/0003.now      how far it is, while it runs
 //! trials/0003.error    why it came to nothing, if so
-//! results.csv          all rows; the same in results.parquet
+//! worlds/              world models that were learned for it
+//! results.csv          all that was driven; the same in results.parquet
+//! gradients.csv, …     what else was measured
 //! summary.md           what they come to, in words
 //! figures/*.svg        drawn; the same as *.png
 //! ```
@@ -13,10 +16,19 @@
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
+use serde::Serialize;
+use serde::de::DeserializeOwned;
+
+use super::charts::{Figure, FigureError};
 use super::description::{Description, DescriptionError};
-use super::figures::{Figure, FigureError, figures};
+use super::figures::figures;
+use super::gradients::{self, GradientRow};
+use super::search::{self, Evaluation};
+use super::segment_times::{self, SegmentTime};
+use super::states::{Layout, StateRow};
 use super::summary::summary;
-use super::table::Rows;
+use super::table::{Rows, csv, from_lines, to_lines};
+use super::trial::Outcome;
 use crate::run::{RunError, make_folder, read_at_most, remove_file, write_whole};
 
 /// Bytes of a trial's rows, and of a description.
@@ -140,12 +152,58 @@ impl Folder {
     ///
     /// # Errors
     /// Where it cannot be written.
-    pub fn keep(&self, trial: usize, rows: &Rows) -> Result<(), FolderError> {
-        write_whole(&self.file(trial, "jsonl"), rows.to_lines().as_bytes())?;
+    pub fn keep(&self, trial: usize, outcome: &Outcome) -> Result<(), FolderError> {
+        self.keep_beside(trial, "gradients", &outcome.gradients)?;
+        self.keep_beside(trial, "states", &outcome.states)?;
+        self.keep_beside(trial, "times", &outcome.times)?;
+        // The last: where it is, all is.
+        write_whole(&self.file(trial, "jsonl"), to_lines(&outcome.rows).as_bytes())?;
         for kind in ["now", "error"] {
             remove_file(&self.file(trial, kind))?;
         }
         Ok(())
+    }
+
+    /// Keeps what a trial brought beside what was driven, if that is anything.
+    fn keep_beside<T: Serialize>(&self, trial: usize, kind: &str, values: &[T]) -> Result<(), FolderError> {
+        if values.is_empty() {
+            return Ok(());
+        }
+        Ok(write_whole(&self.file(trial, &format!("{kind}.jsonl")), to_lines(values).as_bytes())?)
+    }
+
+    /// What a trial brought beside what was driven, which is often nothing.
+    fn beside<T: DeserializeOwned>(&self, trial: usize, kind: &str) -> Result<Vec<T>, FolderError> {
+        let path = self.file(trial, &format!("{kind}.jsonl"));
+        let Some(text) = read(&path)? else { return Ok(Vec::new()) };
+        from_lines(&text).map_err(|met| FolderError::Rows { path, met })
+    }
+
+    /// The same of all trials that are done.
+    fn all_beside<T: DeserializeOwned>(&self, kind: &str) -> Result<Vec<T>, FolderError> {
+        let mut all = Vec::new();
+        for trial in self.description.trials() {
+            if self.rows_of(trial.index)?.is_some() {
+                all.extend(self.beside(trial.index, kind)?);
+            }
+        }
+        Ok(all)
+    }
+
+    /// The weights that a trial tried so far.
+    ///
+    /// # Errors
+    /// Where what is there cannot be read.
+    pub fn evaluations(&self, trial: usize) -> Result<Vec<Evaluation>, FolderError> {
+        self.beside(trial, "evaluations")
+    }
+
+    /// Keeps the weights that a trial tried so far.
+    ///
+    /// # Errors
+    /// Where they cannot be written.
+    pub fn keep_evaluations(&self, trial: usize, all: &[Evaluation]) -> Result<(), FolderError> {
+        self.keep_beside(trial, "evaluations", all)
     }
 
     /// Notes how far a trial is, in words.
@@ -193,21 +251,49 @@ impl Folder {
     /// Where they cannot be made or written.
     pub fn collect(&self) -> Result<String, FolderError> {
         let rows = self.rows()?;
-        let words = summary(&self.description, &rows, self.missing()?.len());
-        write_whole(&self.dir.join("results.csv"), rows.to_csv().as_bytes())?;
-        let parquet = rows.to_parquet().map_err(FolderError::Table)?;
-        write_whole(&self.dir.join("results.parquet"), &parquet)?;
-        write_whole(&self.dir.join("summary.md"), words.as_bytes())?;
-        let drawn = figures(&self.description, &rows)?;
-        let into = self.dir.join("figures");
-        if !drawn.is_empty() {
-            make_folder(&into)?;
-        }
+        let mut words = summary(&self.description, &rows, self.missing()?.len());
+        self.write("results.csv", rows.to_csv().as_bytes())?;
+        self.write("results.parquet", &rows.to_parquet().map_err(FolderError::Table)?)?;
+        let mut drawn = figures(&self.description, &rows)?;
+        self.collect_beside(&mut words, &mut drawn)?;
+        self.write("summary.md", words.as_bytes())?;
         for Figure { name, svg, png } in drawn {
-            write_whole(&into.join(format!("{name}.svg")), svg.as_bytes())?;
-            write_whole(&into.join(format!("{name}.png")), &png)?;
+            self.write(&format!("figures/{name}.svg"), svg.as_bytes())?;
+            self.write(&format!("figures/{name}.png"), &png)?;
         }
         Ok(words)
+    }
+
+    /// The same of what was measured beside driving.
+    fn collect_beside(&self, words: &mut String, drawn: &mut Vec<Figure>) -> Result<(), FolderError> {
+        let gradients: Vec<GradientRow> = self.all_beside("gradients")?;
+        if !gradients.is_empty() {
+            self.write("gradients.csv", csv(&gradients::columns(&gradients)).as_bytes())?;
+            words.push_str(&gradients::words(&self.description, &gradients));
+            drawn.extend(gradients::figures(&gradients)?);
+        }
+        let evaluations: Vec<Evaluation> = self.all_beside("evaluations")?;
+        if let (Some(search), false) = (&self.description.search, evaluations.is_empty()) {
+            self.write("evaluations.csv", search::to_csv(search, &evaluations).as_bytes())?;
+            words.push_str(&search::words(search, &evaluations));
+            drawn.push(search::figure(&self.description, &evaluations)?);
+        }
+        let states: Vec<StateRow> = self.all_beside("states")?;
+        if let Some(layout) = Layout::of(states) {
+            self.write("tsne.csv", layout.to_csv().as_bytes())?;
+            words.push_str(&layout.words());
+            drawn.push(layout.figure()?);
+        }
+        let times: Vec<SegmentTime> = self.all_beside("times")?;
+        if !times.is_empty() {
+            self.write("times.csv", segment_times::to_csv(&times).as_bytes())?;
+            words.push_str(&segment_times::words(&times));
+        }
+        Ok(())
+    }
+
+    fn write(&self, name: &str, bytes: &[u8]) -> Result<(), FolderError> {
+        Ok(write_whole(&self.dir.join(name), bytes)?)
     }
 }
 
@@ -238,7 +324,7 @@ mod tests {
         folder.note(1, "playing steps: 3 of 60").unwrap();
         folder.fail(2, "the world failed").unwrap();
         assert_eq!(folder.failure(2).as_deref(), Some("the world failed"));
-        folder.keep(1, &rows()).unwrap();
+        folder.keep(1, &rows().into()).unwrap();
         let again = Folder::begin(&at, asked.clone()).unwrap();
         assert_eq!((again.noted(1), again.missing().unwrap().len()), (None, n - 1));
         assert_eq!(again.rows().unwrap(), rows());
@@ -251,7 +337,7 @@ mod tests {
         let dir = tempfile::tempdir().unwrap();
         let asked = named("q3-justifications").unwrap().at(Scale::Toy);
         let folder = Folder::begin(dir.path(), asked).unwrap();
-        folder.keep(0, &rows()).unwrap();
+        folder.keep(0, &rows().into()).unwrap();
         let words = folder.collect().unwrap();
         assert!(words.contains("DROPJ"), "{words}");
         for file in

@@ -8,21 +8,33 @@
 //! each [`Variant`] learns a reward and drives. So variants are paired, and what is dreamed is dreamed once. Trials know
 //! nothing of each other: any number of processes works on a folder, on this machine or on a cluster.
 
+pub mod charts;
 pub mod description;
 pub mod figures;
 pub mod folder;
+pub mod gradients;
 pub mod mistakes;
 pub mod named;
+pub mod options;
+pub mod recorded;
+pub mod scale;
+pub mod search;
+pub mod segment_times;
 pub mod slurm;
+pub mod states;
 pub mod summary;
 pub mod table;
 pub mod trial;
 
 pub use description::{
-    Annotators, Axis, Description, DescriptionError, Fit, Plans, Scale, Trial, Variant, WeightSet,
+    Annotators, Axis, Description, DescriptionError, Fit, Plans, Trial, Variant, WeightSet,
 };
 pub use folder::Folder;
 pub use mistakes::Mistakes;
 pub use named::{named, names};
+pub use options::{Search, WorldModels};
+pub use recorded::{LearnedWorld, RecordedError, learned_world};
+pub use scale::Scale;
+pub use search::Evaluation;
 pub use table::{Row, Rows};
-pub use trial::{Ground, Stage, TrialError, run_trial};
+pub use trial::{Evaluations, Ground, Outcome, Stage, TrialError, run_trial};

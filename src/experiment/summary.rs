@@ -12,6 +12,8 @@ use crate::evaluation::{bootstrap, cliffs_delta, dunn, friedman, holm, kruskal_w
 
 /// A probability below this is called a difference.
 const ALPHA: f64 = 0.05;
+/// By seeds alone nothing is said on fewer than these. With five that all agree Wilcoxon's test says 0.0625, with six 0.0313.
+const LEAST_SEEDS: usize = 5;
 /// More series than these are not compared pair by pair.
 const MOST_COMPARED: usize = 8;
 
@@ -37,7 +39,12 @@ pub fn series(description: &Description, rows: &Rows, measure: &Measure) -> Vec<
     let mut names: Vec<String> = Vec::new();
     let mut points: BTreeMap<(usize, u64), Vec<&Row>> = BTreeMap::new();
     for row in &rows.0 {
-        let name = row.series(axis, &differing);
+        // A world model is one, whatever was learned in it.
+        let name = if measure.is_of_world_model() {
+            "world models".to_owned()
+        } else {
+            row.series(axis, &differing)
+        };
         let at = names.iter().position(|known| *known == name).unwrap_or_else(|| {
             names.push(name);
             names.len() - 1
@@ -90,6 +97,7 @@ pub fn summary(description: &Description, rows: &Rows, n_missing: usize) -> Stri
     if rows.0.is_empty() {
         return text;
     }
+    recorded(&mut text, description);
     for measure in rows.measures() {
         let all = series(description, rows, &measure);
         let _ = write!(text, "\n## {}\n\n", measure.title());
@@ -100,7 +108,8 @@ pub fn summary(description: &Description, rows: &Rows, n_missing: usize) -> Stri
     let _ = writeln!(
         text,
         "\nIn brackets: the interval of 95 % of the mean over seeds of the whole chain (percentile bootstrap, 2000 draws). \
-         Nothing is said of a single seed."
+         Nothing is said of a single seed. \"Seeds alone\" is the stricter test, which takes no two episodes of a seed for apart: \
+         Wilcoxon's signed ranks of the seeds' means, Holm's correction. Six seeds that all agree are the fewest that it calls different."
     );
     text
 }
@@ -111,6 +120,7 @@ fn table(text: &mut String, axis: Axis, measure: &Measure, all: &[Series]) {
         Axis::Answers => "answers",
         Axis::Minutes => "minutes",
         Axis::CriticalMistakes => "% wrong",
+        Axis::Recorded => "recorded",
         Axis::Variants => "",
     };
     let has_place = !place.is_empty();
@@ -146,7 +156,8 @@ fn compare(text: &mut String, description: &Description, rows: &Rows, measure: &
     // The same seed and track for all: an episode of each is a block.
     let blocks = blocks(description, rows, measure, &last);
     text.push('\n');
-    if let Some(found) = friedman(&blocks) {
+    let values: Vec<Vec<f64>> = blocks.iter().map(|(_, block)| block.clone()).collect();
+    if let Some(found) = friedman(&values) {
         let _ = write!(
             text,
             "Paired by seed and track ({} blocks): Friedman χ² = {:.1}, p = {}. ",
@@ -168,44 +179,77 @@ fn compare(text: &mut String, description: &Description, rows: &Rows, measure: &
     if last.len() > MOST_COMPARED {
         return;
     }
+    pairs(text, measure, &last, &blocks);
+    if n_seeds < LEAST_SEEDS {
+        let _ = writeln!(text, "\nBy seeds alone nothing is said on fewer than {LEAST_SEEDS} of them.");
+    }
+}
+
+/// Which pairs differ: by episodes that are paired, as the paper tests, and by the means of seeds alone.
+fn pairs(text: &mut String, measure: &Measure, last: &[(&str, &Point)], blocks: &[(u64, Vec<f64>)]) {
     let all_pairs: Vec<(usize, usize)> =
         (0..last.len()).flat_map(|i| (i + 1..last.len()).map(move |j| (i, j))).collect();
-    let raw: Vec<f64> = all_pairs
-        .iter()
-        .map(|&(i, j)| {
-            let pairs: Vec<(f64, f64)> = blocks.iter().map(|block| (block[i], block[j])).collect();
-            wilcoxon(&pairs).unwrap_or(1.0)
-        })
-        .collect();
-    let (corrected, dunns) = (holm(&raw), dunn(&episodes));
-    text.push_str("\n| | difference of means over seeds | Cliff's δ | Wilcoxon, Holm | Dunn | |\n|---|---:|---:|---:|---:|---|\n");
+    let raw = all_pairs.iter().map(|&(i, j)| {
+        let pairs: Vec<(f64, f64)> = blocks.iter().map(|(_, block)| (block[i], block[j])).collect();
+        wilcoxon(&pairs).unwrap_or(1.0)
+    });
+    let means = of_seeds(blocks);
+    let raw_of_seeds = all_pairs.iter().map(|&(i, j)| {
+        let pairs: Vec<(f64, f64)> = means.iter().map(|mean| (mean[i], mean[j])).collect();
+        wilcoxon(&pairs).unwrap_or(1.0)
+    });
+    let (corrected, strict) = (holm(&raw.collect::<Vec<_>>()), holm(&raw_of_seeds.collect::<Vec<_>>()));
+    let episodes: Vec<&[f64]> = last.iter().map(|(_, point)| &point.episodes[..]).collect();
+    let dunns = dunn(&episodes);
+    text.push_str(
+        "\n| | difference of means over seeds | Cliff's δ | Wilcoxon, Holm | Dunn | | seeds alone |\n\
+         |---|---:|---:|---:|---:|---|---|\n",
+    );
     for (n, &(i, j)) in all_pairs.iter().enumerate() {
         let ((one, a), (other, b)) = (last[i], last[j]);
-        let differences: Vec<f64> = a.of_seeds.iter().zip(&b.of_seeds).map(|(a, b)| a - b).collect();
+        let differences: Vec<f64> = means.iter().map(|mean| mean[i] - mean[j]).collect();
         let interval = bootstrap(&differences, &mut ChaCha8Rng::seed_from_u64(n as u64));
         let [mean, low, high] = interval.unwrap_or([f64::NAN; 3]);
         let delta = cliffs_delta(&a.episodes, &b.episodes).unwrap_or(0.0);
         let of_dunn = dunns.iter().find(|test| test.pair == (i, j)).map_or("–".to_owned(), |test| p(test.p));
         let differs = corrected[n] < ALPHA && (low > 0.0 || high < 0.0);
-        let verdict = if differs { "differ" } else { "not told apart" };
+        let verdict = |differs: bool| if differs { "differ" } else { "not told apart" };
+        let alone = if means.len() < LEAST_SEEDS {
+            "–".to_owned()
+        } else {
+            format!("{}, p = {}", verdict(strict[n] < ALPHA), p(strict[n]))
+        };
         let _ = writeln!(
             text,
-            "| {one} − {other} | {} [{}, {}] | {delta:+.2} | {} | {of_dunn} | {verdict} |",
+            "| {one} − {other} | {} [{}, {}] | {delta:+.2} | {} | {of_dunn} | {} | {alone} |",
             measure.shown(mean),
             measure.shown(low),
             measure.shown(high),
-            p(corrected[n])
+            p(corrected[n]),
+            verdict(differs)
         );
     }
 }
 
-/// For each seed and track that all of `last` drove, a value of each.
+/// The mean of each series over the tracks of a seed, for each seed that all of them have.
+fn of_seeds(blocks: &[(u64, Vec<f64>)]) -> Vec<Vec<f64>> {
+    blocks
+        .chunk_by(|(a, _), (b, _)| a == b)
+        .map(|of_seed| {
+            let n = of_seed.len() as f64;
+            let width = of_seed[0].1.len();
+            (0..width).map(|i| of_seed.iter().map(|(_, block)| block[i]).sum::<f64>() / n).collect()
+        })
+        .collect()
+}
+
+/// For each seed and track that all of `last` drove, in their order, the seed and a value of each.
 fn blocks(
     description: &Description,
     rows: &Rows,
     measure: &Measure,
     last: &[(&str, &Point)],
-) -> Vec<Vec<f64>> {
+) -> Vec<(u64, Vec<f64>)> {
     let (axis, differing) = (description.axis, rows.differing());
     let mut found: BTreeMap<(u64, u64), Vec<Option<f64>>> = BTreeMap::new();
     for row in &rows.0 {
@@ -218,7 +262,28 @@ fn blocks(
             block[i] = measure.of(row);
         }
     }
-    found.into_values().filter_map(|block| block.into_iter().collect()).collect()
+    let whole =
+        |((seed, _), block): (_, Vec<Option<f64>>)| Some((seed, block.into_iter().collect::<Option<_>>()?));
+    found.into_iter().filter_map(whole).collect()
+}
+
+/// How world models were learned, where they were.
+fn recorded(text: &mut String, description: &Description) {
+    let Some(how) = &description.world_models else { return };
+    let _ = writeln!(
+        text,
+        "\nWorld models were learned with {} × {} updates of vision and {} × {} of memory at the most, whatever the number of \
+         recorded episodes; all are measured on the same {} held-out episodes. Fewer episodes are among more, and those of a seed \
+         are drawn from one pool: at its largest number all seeds learn from the same. The loss of memory is that of the latents \
+         of its own vision, so that those of different models compare with care; errors of pixels compare as they are. What the \
+         stand-in sees with was fitted for each model by {} updates.",
+        how.vae_epochs,
+        how.vae_updates,
+        how.mdn_rnn_epochs,
+        how.mdn_rnn_updates,
+        how.held_out,
+        how.probe_updates
+    );
 }
 
 /// How others agree with the trial's own annotator, where others answered.
@@ -250,7 +315,8 @@ fn p(value: f64) -> String {
 mod tests {
     use super::*;
     use crate::experiment::named;
-    use crate::experiment::table::made_up::rows;
+    use crate::experiment::table::made_up::{row, rows};
+    use crate::query::Protocol;
 
     fn asked() -> Description {
         Description { seeds: vec![0, 1, 2], ..named("q3-justifications").unwrap() }
@@ -274,11 +340,41 @@ mod tests {
         };
         assert!(line("trials are not done").contains("**2 of"));
         assert!(line("| DROPJ | 100 |").contains("1110 [") || line("| DROPJ | 100 |").contains("1111 ["));
-        assert!(line("DROP − DROPJ").contains("-400") && line("DROP − DROPJ").ends_with("| differ |"));
+        assert!(line("DROP − DROPJ").contains("-400") && line("DROP − DROPJ").ends_with("| differ | – |"));
         let bump = text.split("## bump").nth(1).unwrap();
         assert!(bump.contains("12.5 %") && bump.contains("not told apart") && !bump.contains("| differ |"));
+        assert!(text.contains("By seeds alone nothing is said on fewer than 5"));
         let alone = Rows(rows().0.into_iter().filter(|row| row.seed == 0).collect());
         let text = summary(&asked(), &alone, 0);
         assert!(text.contains("Nothing is called different on one seed") && !text.contains("| differ |"));
+    }
+
+    #[test]
+    fn by_seeds_alone_six_that_agree_differ_and_five_do_not() {
+        let of = |n: u64| {
+            let mut all = Vec::new();
+            for seed in 0..n {
+                for (method, better) in [(Protocol::Drop, 0.0), (Protocol::Dropj, 400.0)] {
+                    for track in [100, 101] {
+                        all.push(row(method, seed, 50, track, better + 7.0 * seed as f64 + track as f64));
+                    }
+                }
+            }
+            let text = summary(&Description { seeds: (0..n).collect(), ..asked() }, &Rows(all), 0);
+            let line = text.lines().find(|line| line.contains("DROP − DROPJ")).unwrap().to_owned();
+            line
+        };
+        assert!(of(5).ends_with("| differ | not told apart, p = 0.0625 |"), "{}", of(5));
+        assert!(of(6).ends_with("| differ | differ, p = 0.0312 |"), "{}", of(6));
+    }
+
+    #[test]
+    fn seeds_that_one_lacks_are_left_out_of_differences() {
+        let mut rows = rows();
+        // The first seed of DROPJ is missing: the others are still compared with themselves.
+        rows.0.retain(|row| row.method != Protocol::Dropj || row.seed > 0);
+        let text = summary(&asked(), &rows, 1);
+        let line = text.lines().find(|line| line.contains("DROP − DROPJ")).unwrap();
+        assert!(line.contains("| -400 [-400, -400] |"), "{line}");
     }
 }

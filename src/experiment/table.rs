@@ -3,6 +3,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write as _;
 
+use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
 use super::description::{Annotators, Axis, Fit, Plans};
@@ -29,6 +30,15 @@ pub struct Row {
     pub labels: usize,
     /// What they weigh, where that is not what the world's file says.
     pub weights: String,
+    /// Whether these weights were found by a search.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub found: bool,
+    /// From how many recorded episodes the world model was learned, where it was learned for this.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub recorded: Option<usize>,
+    /// What that model can: `vision_loss`, …
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub world_model: BTreeMap<String, f64>,
     /// Share of wrong answers to critical queries.
     pub critical_mistakes: f64,
     /// Share of wrong answers to all others.
@@ -73,7 +83,18 @@ pub enum Measure {
     Event(String),
     /// How diverse labeled trajectories are.
     Diversity,
+    /// What the world model can, by its key in [`WORLD_MODEL`].
+    WorldModel(&'static str),
 }
+
+/// What is measured of a world model that was learned for an experiment, all on the same held-out episodes: keys and words.
+pub const WORLD_MODEL: [(&str, &str); 5] = [
+    ("vision_loss", "held-out loss of vision (squared error and divergence)"),
+    ("memory_loss", "held-out loss of memory (nats a latent)"),
+    ("seen_error", "error of pixels seen again (of 1)"),
+    ("dreamed_error", "error of pixels dreamed 25 steps ahead (of 1)"),
+    ("probe_accuracy", "what the stand-in tells rightly in its pictures"),
+];
 
 impl Measure {
     /// Its value in an episode.
@@ -83,6 +104,7 @@ impl Measure {
             Self::Unsafe => Some(row.unsafe_rate),
             Self::Event(key) => row.events.get(key).copied().flatten(),
             Self::Diversity => row.diversity,
+            Self::WorldModel(key) => row.world_model.get(*key).copied(),
         }
         .filter(|value| value.is_finite())
     }
@@ -93,6 +115,10 @@ impl Measure {
             Self::Return => "return".to_owned(),
             Self::Unsafe => "unsafe steps".to_owned(),
             Self::Diversity => "diversity of trajectories".to_owned(),
+            Self::WorldModel(key) => {
+                let known = WORLD_MODEL.iter().find(|(known, _)| known == key);
+                known.map_or(*key, |(_, words)| words).to_owned()
+            }
             Self::Event(key) => key.trim_end_matches("_rate").trim_end_matches("_count").replace('_', " "),
         }
     }
@@ -103,14 +129,21 @@ impl Measure {
             Self::Return => "return".to_owned(),
             Self::Unsafe => "unsafe".to_owned(),
             Self::Diversity => "diversity".to_owned(),
+            Self::WorldModel(key) => (*key).to_owned(),
             Self::Event(key) => key.clone(),
         }
+    }
+
+    /// Whether it is one of the world model, whatever was learned in it.
+    pub fn is_of_world_model(&self) -> bool {
+        matches!(self, Self::WorldModel(_))
     }
 
     /// Whether it is a share, which is shown in percent.
     pub fn is_share(&self) -> bool {
         match self {
             Self::Return | Self::Diversity => false,
+            Self::WorldModel(key) => *key == "probe_accuracy",
             Self::Unsafe => true,
             Self::Event(key) => key.ends_with("_rate"),
         }
@@ -121,6 +154,7 @@ impl Measure {
         match self {
             _ if self.is_share() => format!("{:.1} %", 100.0 * value),
             Self::Diversity => format!("{value:.2}"),
+            Self::WorldModel(_) => format!("{value:.3}"),
             _ => format!("{value:.0}"),
         }
     }
@@ -136,10 +170,12 @@ impl Row {
         }
         say(differing.method || differing.is_nothing(axis), self.method.name().to_owned());
         say(differing.strategy, said(&self.strategy));
-        say(
-            differing.weights,
-            if self.weights.is_empty() { "usual weights".to_owned() } else { self.weights.clone() },
-        );
+        let weights = match &*self.weights {
+            _ if self.found => "weights found",
+            "" => "usual weights",
+            weights => weights,
+        };
+        say(differing.weights, weights.to_owned());
         say(differing.annotators, said(&self.annotators));
         let critical = format!("{:.0} % wrong", 100.0 * self.critical_mistakes);
         say(differing.critical && axis != Axis::CriticalMistakes, format!("{critical} of critical"));
@@ -150,6 +186,8 @@ impl Row {
             differing.answers && !matches!(axis, Axis::Answers | Axis::Minutes),
             format!("{} answers", self.answers),
         );
+        let of = |n: usize| format!("{n} recorded episodes");
+        say(differing.recorded && axis != Axis::Recorded, self.recorded.map(of).unwrap_or_default());
         parts.join(", ")
     }
 
@@ -159,13 +197,14 @@ impl Row {
             Axis::Answers => Some(self.answers as f64),
             Axis::Minutes => Some(self.minutes),
             Axis::CriticalMistakes => Some(100.0 * self.critical_mistakes),
+            Axis::Recorded => self.recorded.map(|n| n as f64),
             Axis::Variants => None,
         }
     }
 }
 
 /// A plain value by its name in files.
-fn said(value: &impl Serialize) -> String {
+pub(super) fn said(value: &impl Serialize) -> String {
     serde_json::to_value(value).ok().and_then(|value| Some(value.as_str()?.to_owned())).unwrap_or_default()
 }
 
@@ -182,13 +221,15 @@ pub struct Differing {
     fit: bool,
     planner: bool,
     answers: bool,
+    recorded: bool,
 }
 
 impl Differing {
     fn is_nothing(self, axis: Axis) -> bool {
         let answers = self.answers && !matches!(axis, Axis::Answers | Axis::Minutes);
         let critical = self.critical && axis != Axis::CriticalMistakes;
-        let rest = Self { critical, answers, ..self };
+        let recorded = self.recorded && axis != Axis::Recorded;
+        let rest = Self { critical, answers, recorded, ..self };
         rest == Self::default()
     }
 }
@@ -199,21 +240,12 @@ impl Rows {
     /// # Errors
     /// Where a line is none.
     pub fn from_lines(text: &str) -> serde_json::Result<Self> {
-        text.lines()
-            .filter(|line| !line.trim().is_empty())
-            .map(serde_json::from_str)
-            .collect::<Result<_, _>>()
-            .map(Self)
+        from_lines(text).map(Self)
     }
 
     /// As [`from_lines`](Self::from_lines) reads them.
     pub fn to_lines(&self) -> String {
-        self.0.iter().fold(String::new(), |mut text, row| {
-            let line = serde_json::to_string(row).unwrap_or_else(|met| unreachable!("plain values: {met}"));
-            text.push_str(&line);
-            text.push('\n');
-            text
-        })
+        to_lines(&self.0)
     }
 
     /// Along which axes they differ. Oracles, which learn nothing, do not count.
@@ -234,6 +266,7 @@ impl Rows {
             fit: differ(&|row| said(&row.fit)),
             planner: differ(&|row| said(&row.planner)),
             answers: differ(&|row| row.answers.to_string()),
+            recorded: differ(&|row| row.recorded.unwrap_or_default().to_string()),
         }
     }
 
@@ -241,7 +274,9 @@ impl Rows {
     pub fn measures(&self) -> Vec<Measure> {
         let keys: BTreeSet<&String> = self.0.iter().flat_map(|row| row.events.keys()).collect();
         let events = keys.iter().map(|key| Measure::Event((*key).clone()));
-        let all = [Measure::Return, Measure::Unsafe].into_iter().chain(events).chain([Measure::Diversity]);
+        let of_models = WORLD_MODEL.iter().map(|(key, _)| Measure::WorldModel(key));
+        let all = [Measure::Return, Measure::Unsafe].into_iter().chain(events);
+        let all = all.chain([Measure::Diversity]).chain(of_models);
         let is_known = |measure: &Measure| self.0.iter().any(|row| measure.of(row).is_some());
         // Where only one thing must not happen, what is unsafe is that.
         let is_told_twice = |measure: &Measure| {
@@ -267,6 +302,17 @@ impl Rows {
         add("minutes", &|row| format!("{:.3}", row.minutes));
         add("labels", &|row| row.labels.to_string());
         add("weights", &|row| row.weights.clone());
+        if self.0.iter().any(|row| row.found) {
+            add("found", &|row| u8::from(row.found).to_string());
+        }
+        if self.0.iter().any(|row| row.recorded.is_some()) {
+            add("recorded", &|row| row.recorded.map_or(String::new(), |n| n.to_string()));
+        }
+        for (key, _) in WORLD_MODEL {
+            if self.0.iter().any(|row| row.world_model.contains_key(key)) {
+                add(key, &|row| some(row.world_model.get(key).copied()));
+            }
+        }
         add("critical_mistakes", &|row| row.critical_mistakes.to_string());
         add("other_mistakes", &|row| row.other_mistakes.to_string());
         add("annotators", &|row| said(&row.annotators));
@@ -291,21 +337,7 @@ impl Rows {
 
     /// The table as CSV.
     pub fn to_csv(&self) -> String {
-        let columns = self.columns();
-        let cell = |text: &str| {
-            if text.contains([',', '"', '\n']) {
-                format!("\"{}\"", text.replace('"', "\"\""))
-            } else {
-                text.to_owned()
-            }
-        };
-        let names: Vec<_> = columns.iter().map(|(name, _)| cell(name)).collect();
-        let mut csv = names.join(",") + "\n";
-        for i in 0..self.0.len() {
-            let cells: Vec<_> = columns.iter().map(|(_, values)| cell(&values[i])).collect();
-            let _ = writeln!(csv, "{}", cells.join(","));
-        }
-        csv
+        csv(&self.columns())
     }
 
     /// The table as the bytes of a Parquet file. A missing number is NaN.
@@ -313,7 +345,8 @@ impl Rows {
     /// # Errors
     /// Where it cannot be made.
     pub fn to_parquet(&self) -> Result<Vec<u8>, String> {
-        const WHOLE: [&str; 6] = ["trial", "seed", "answers", "labels", "track", "steps"];
+        const WHOLE: [&str; 8] =
+            ["trial", "seed", "answers", "labels", "track", "steps", "recorded", "found"];
         const WORDS: [&str; 6] = ["method", "strategy", "weights", "annotators", "fit", "planner"];
         let columns = self.columns().into_iter().map(|(name, values)| {
             let column = if WORDS.contains(&&*name) {
@@ -331,6 +364,39 @@ impl Rows {
     }
 }
 
+/// Columns, by their names, as CSV.
+pub(super) fn csv(columns: &[(String, Vec<String>)]) -> String {
+    let cell = |text: &str| {
+        if text.contains([',', '"', '\n']) {
+            format!("\"{}\"", text.replace('"', "\"\""))
+        } else {
+            text.to_owned()
+        }
+    };
+    let names: Vec<_> = columns.iter().map(|(name, _)| cell(name)).collect();
+    let mut csv = names.join(",") + "\n";
+    for i in 0..columns.first().map_or(0, |(_, values)| values.len()) {
+        let cells: Vec<_> = columns.iter().map(|(_, values)| cell(&values[i])).collect();
+        let _ = writeln!(csv, "{}", cells.join(","));
+    }
+    csv
+}
+
+/// Values in lines of JSON, one each.
+pub(super) fn to_lines<T: Serialize>(values: &[T]) -> String {
+    values.iter().fold(String::new(), |mut text, value| {
+        let line = serde_json::to_string(value).unwrap_or_else(|met| unreachable!("plain values: {met}"));
+        text.push_str(&line);
+        text.push('\n');
+        text
+    })
+}
+
+/// What [`to_lines`] wrote.
+pub(super) fn from_lines<T: DeserializeOwned>(text: &str) -> serde_json::Result<Vec<T>> {
+    text.lines().filter(|line| !line.trim().is_empty()).map(serde_json::from_str).collect()
+}
+
 #[cfg(test)]
 pub(super) mod made_up {
     use super::*;
@@ -346,6 +412,9 @@ pub(super) mod made_up {
             minutes: answers as f64 / 8.0,
             labels: answers,
             weights: String::new(),
+            found: false,
+            recorded: None,
+            world_model: BTreeMap::new(),
             critical_mistakes: 0.0,
             other_mistakes: 0.0,
             annotators: Annotators::Careful,

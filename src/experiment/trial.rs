@@ -1,13 +1,18 @@
 //! A trial: dreams are played, queries are answered, and each variant learns and drives.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::ops::ControlFlow;
 
 use rand::SeedableRng as _;
 use rand_chacha::ChaCha8Rng;
 
-use super::description::{Description, Plans, Trial, Variant};
-use super::table::Row;
+use super::description::{Description, Plans, Trial, Variant, WeightSet};
+use super::gradients::{About, GradientRow, Watch};
+use super::options::Search;
+use super::search::{Evaluation, evaluated, searched};
+use super::segment_times::{SegmentTime, measured};
+use super::states::{StateRow, chosen};
+use super::table::{Row, Rows};
 use crate::dream::{DreamEpisode, Rows as Features};
 use crate::evaluation::{
     Agreement, EpisodeError, EpisodeMetrics, Oracle, PlanningPolicy, Policy, TracksAlike, diversity,
@@ -16,11 +21,11 @@ use crate::evaluation::{
 use crate::planner::Agent;
 use crate::planner::synthesis::SynthesisConfig;
 use crate::query::{
-    JudgedTransition, LabeledQuery, Protocol, Response, SegmentRef, TRAJECTORY_LEN, Transition,
+    JudgedTransition, LabeledQuery, Protocol, Response, SegmentRef, TRAJECTORY_LEN, Transition, Weights,
 };
 use crate::reward::{
-    EpochReport, RewardConfig, RewardModel, SparseConfig, fit_anew, fit_sparse_anew, segment_rows,
-    transition_row,
+    EpochReport, RewardConfig, RewardModel, SparseConfig, Trainer, fit_anew_watched, fit_sparse_anew,
+    segment_rows, transition_row,
 };
 use crate::simulate::run::{Answered, Progress, SimulateConfig};
 use crate::simulate::{AnsweredTransition, Probe, simulate, simulate_dros, simulate_request};
@@ -77,9 +82,39 @@ pub enum TrialError {
     /// No answer says anything.
     #[error("with {0} there is no answer to learn from")]
     NoAnswers(String),
+    /// What was tried cannot be kept.
+    #[error("{0}")]
+    Keep(String),
     /// It was told to end.
     #[error("the trial was broken off")]
     Stopped,
+}
+
+/// What a trial brought.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Outcome {
+    /// A row for each episode that was driven.
+    pub rows: Vec<Row>,
+    /// How strongly answers moved what learned from them.
+    pub gradients: Vec<GradientRow>,
+    /// States of labeled trajectories.
+    pub states: Vec<StateRow>,
+    /// How long this machine took for a trajectory: no function of the description.
+    pub times: Vec<SegmentTime>,
+}
+
+impl From<Rows> for Outcome {
+    fn from(rows: Rows) -> Self {
+        Self { rows: rows.0, ..Self::default() }
+    }
+}
+
+/// Weights that were tried before, and where more are kept.
+pub struct Evaluations<'a> {
+    /// As far as they are known, in their order.
+    pub known: Vec<Evaluation>,
+    /// Keeps all of them, so that a search that is killed goes on.
+    pub keep: &'a mut dyn FnMut(&[Evaluation]) -> Result<(), String>,
 }
 
 /// What was dreamed and answered.
@@ -97,18 +132,18 @@ impl Answers {
     }
 }
 
-/// Runs a trial to its end: a row for each episode that was driven. All follows from the description and the ground.
+/// Runs a trial to its end. All but times follows from the description and the ground.
 ///
 /// # Errors
-/// Where a number is none, a world fails, or `on_stage` breaks off.
+/// Where a number is none, a world fails, what is tried cannot be kept, or `on_stage` breaks off.
 pub fn run_trial(
     description: &Description,
     trial: &Trial,
     ground: &Ground<'_>,
+    evaluations: &mut Evaluations<'_>,
     on_stage: &mut dyn FnMut(Stage) -> ControlFlow<()>,
-) -> Result<Vec<Row>, TrialError> {
-    let spec = ground.spec;
-    let variants = description.variants(trial.method);
+) -> Result<Outcome, TrialError> {
+    let mut variants = description.variants(trial.method);
     let config = simulation(description, trial, ground);
     let learns = variants.iter().any(|variant| variant.plans != Plans::Oracle);
     let (dreams, answers) = if learns {
@@ -117,52 +152,42 @@ pub fn run_trial(
         (Vec::new(), Answers::Pairs(Vec::new()))
     };
     let features: Vec<Features> = dreams.iter().map(|dream| dream.features(ground.model)).collect();
-    let spread = match &answers {
-        Answers::Steps(all) => spread(ground.model, &dreams, &features, all),
-        Answers::Pairs(_) => None,
+    let trajectories = match &answers {
+        Answers::Steps(all) => imagined_again(ground.model, &dreams, &features, all),
+        Answers::Pairs(_) => Vec::new(),
     };
-    let learner = Learner { trial, config: &config, ground, dreams: &dreams, features: &features };
+    let mut outcome = Outcome { states: states_of(description, trial, &trajectories), ..Outcome::default() };
+    let learner =
+        Learner { description, trial, config: &config, ground, dreams: &dreams, features: &features };
+    if let (Some(search), Answers::Pairs(all)) = (&description.search, &answers) {
+        let like = variants[0].clone();
+        let all = &all[..like.first.unwrap_or(all.len()).min(all.len())];
+        let weights = learner.searched(search, &like, all, evaluations, on_stage)?;
+        variants.push(Variant { weights: weights.unwrap_or_default(), found: true, ..like });
+    }
     let n_episodes = variants.len() * description.episodes as usize;
-    let mut rows = Vec::new();
     for variant in &variants {
         let first = variant.first.unwrap_or(answers.len()).min(answers.len());
         let learned = match (&answers, variant.plans) {
             (_, Plans::Oracle) => None,
-            (Answers::Pairs(all), _) => Some(learner.learn_pairs(variant, &all[..first])?),
+            (Answers::Pairs(all), _) => {
+                Some(learner.learn_pairs(variant, &all[..first], Some(&mut outcome.gradients))?)
+            }
             (Answers::Steps(all), _) => Some(learner.learn_steps(&all[..first])?),
         };
-        let usual = config.planner.clone();
-        let usual = if trial.method.is_sparse() { usual.for_transitions() } else { usual };
-        let planner = variant.planner(usual, spec);
         let tracks = TracksAlike { seed: description.first_track };
         for i in 0..description.episodes {
-            let (agent, track) = (Agent::new(planner.clone(), i), tracks.track(i));
-            let reward = learned.as_ref().map(|learned| &learned.reward);
-            let mut planning = reward.map(|reward| PlanningPolicy::new(ground.model, reward, agent));
-            let mut oracle = Oracle::new(planner.clone(), i);
-            let policy: &mut dyn Policy = match &mut planning {
-                Some(planning) => planning,
-                None => &mut oracle,
-            };
-            let mut world = (ground.open)(description.aids).map_err(TrialError::World)?;
-            let longest = description.episode_steps.unwrap_or(usize::MAX);
-            let driven = evaluate_episode(&mut *world, track, policy, |_, step| {
-                let is_over = step.t + 1 >= longest;
-                if on_stage(("driving episodes", rows.len(), n_episodes)).is_break() || is_over {
-                    ControlFlow::Break(())
-                } else {
-                    ControlFlow::Continue(())
-                }
-            });
-            if on_stage(("driving episodes", rows.len() + 1, n_episodes)).is_break() {
-                return Err(TrialError::Stopped);
-            }
-            let metrics = driven.map_err(|met| TrialError::Episode { track, met })?;
+            let track = tracks.track(i);
+            let at = ("driving episodes", outcome.rows.len(), n_episodes);
+            let metrics = learner.drive(variant, learned.as_ref(), track, at, on_stage)?;
             let row = row(trial, variant, first, learned.as_ref(), track, &metrics);
-            rows.push(Row { diversity: spread, ..row });
+            outcome.rows.push(Row { diversity: spread(&trajectories), ..row });
         }
     }
-    Ok(rows)
+    if description.times {
+        outcome.times = measured(trial, ground.model)?;
+    }
+    Ok(outcome)
 }
 
 /// What is simulated: what can be named, and how it is planned, as the file of the world says.
@@ -208,8 +233,9 @@ fn dreamed(
     })
 }
 
-/// What learns from answers about these dreams.
+/// What learns from answers about these dreams, and drives.
 struct Learner<'a> {
+    description: &'a Description,
     trial: &'a Trial,
     config: &'a SimulateConfig,
     ground: &'a Ground<'a>,
@@ -226,7 +252,85 @@ struct Learned {
 }
 
 impl Learner<'_> {
-    fn learn_pairs(&self, variant: &Variant, answered: &[Answered]) -> Result<Learned, TrialError> {
+    /// An episode on `track` under the planner of `variant`, by what was learned, or by the world itself.
+    fn drive(
+        &self,
+        variant: &Variant,
+        learned: Option<&Learned>,
+        track: u64,
+        (what, done, n): Stage,
+        on_stage: &mut dyn FnMut(Stage) -> ControlFlow<()>,
+    ) -> Result<EpisodeMetrics, TrialError> {
+        let (description, ground) = (self.description, self.ground);
+        let usual = self.config.planner.clone();
+        let usual = if self.trial.method.is_sparse() { usual.for_transitions() } else { usual };
+        let planner = variant.planner(usual, ground.spec);
+        // By its track, as where a session is deployed.
+        let agent = Agent::new(planner.clone(), track);
+        let reward = learned.map(|learned| &learned.reward);
+        let mut planning = reward.map(|reward| PlanningPolicy::new(ground.model, reward, agent));
+        let mut oracle = Oracle::new(planner, track);
+        let policy: &mut dyn Policy = match &mut planning {
+            Some(planning) => planning,
+            None => &mut oracle,
+        };
+        let mut world = (ground.open)(description.aids).map_err(TrialError::World)?;
+        let longest = description.episode_steps.unwrap_or(usize::MAX);
+        let driven = evaluate_episode(&mut *world, track, policy, |_, step| {
+            let is_over = step.t + 1 >= longest;
+            if on_stage((what, done, n)).is_break() || is_over {
+                ControlFlow::Break(())
+            } else {
+                ControlFlow::Continue(())
+            }
+        });
+        if on_stage((what, done + 1, n)).is_break() {
+            return Err(TrialError::Stopped);
+        }
+        driven.map_err(|met| TrialError::Episode { track, met })
+    }
+
+    /// The best weights of a search that goes on where `evaluations` end.
+    fn searched(
+        &self,
+        search: &Search,
+        like: &Variant,
+        answered: &[Answered],
+        evaluations: &mut Evaluations<'_>,
+        on_stage: &mut dyn FnMut(Stage) -> ControlFlow<()>,
+    ) -> Result<Option<WeightSet>, TrialError> {
+        let (trial, seed) = (self.trial.index, self.trial.seed);
+        let tracks = TracksAlike { seed: search.first_track };
+        let mut evaluate = |number: usize, weights: &WeightSet| {
+            // What was tried otherwise, as by another version of the program, is tried again.
+            let known = evaluations.known.get(number).filter(|known| known.weights == *weights);
+            if let Some(known) = known {
+                return Ok(known.worth);
+            }
+            evaluations.known.truncate(number);
+            let variant = Variant { weights: weights.clone(), found: true, ..like.clone() };
+            let learned = self.learn_pairs(&variant, answered, None)?;
+            let at = ("trying weights", number, search.evaluations);
+            let driven: Vec<EpisodeMetrics> = (0..search.tracks)
+                .map(|i| self.drive(&variant, Some(&learned), tracks.track(i), at, on_stage))
+                .collect::<Result<_, _>>()?;
+            let (ret, rates, worth) = evaluated(search, &driven);
+            let weights = weights.clone();
+            evaluations.known.push(Evaluation { trial, seed, number, weights, ret, rates, worth });
+            (evaluations.keep)(&evaluations.known).map_err(TrialError::Keep)?;
+            Ok(worth)
+        };
+        searched(search, seed, &mut evaluate)
+    }
+
+    /// What is learned from pairs. Where the description asks for it, and there is somewhere to note them, gradients are
+    /// measured meanwhile.
+    fn learn_pairs(
+        &self,
+        variant: &Variant,
+        answered: &[Answered],
+        gradients: Option<&mut Vec<GradientRow>>,
+    ) -> Result<Learned, TrialError> {
         let model = self.ground.model;
         let (spec, weights) = (self.ground.spec, variant.weights(self.ground.spec));
         let responses: Vec<Response> = answered.iter().map(|it| self.said(variant, it)).collect();
@@ -250,9 +354,16 @@ impl Learner<'_> {
             ))
         };
         let config: RewardConfig = variant.reward(&self.config.reward, spec);
-        let go_on = |_: &EpochReport| ControlFlow::Continue(());
-        let fitted =
-            fit_anew(model, config, self.trial.seed, &labels, rows, go_on)?.ok_or(TrialError::Stopped)?;
+        let mut watch = gradients.filter(|_| self.description.gradients);
+        let about = about(answered, &responses, &weights);
+        let on_epoch = |trainer: &Trainer, report: &EpochReport| match &mut watch {
+            Some(rows) => {
+                Watch { about: &about, like: unmeasured(self.trial, variant), rows }.look(trainer, report)
+            }
+            None => ControlFlow::Continue(()),
+        };
+        let fitted = fit_anew_watched(model, config, self.trial.seed, &labels, rows, on_epoch)?;
+        let fitted = fitted.ok_or(TrialError::Stopped)?;
         let pairs: Vec<_> = answered.iter().map(|it| it.response).zip(responses).collect();
         let is_same = pairs.iter().all(|(own, said)| own == said);
         Ok(Learned {
@@ -303,23 +414,53 @@ impl Learner<'_> {
     }
 }
 
-/// How diverse the trajectories are that were labeled, on average.
+/// What each answer that became a label is about, in the order of asking.
+fn about(answered: &[Answered], responses: &[Response], weights: &Weights) -> Vec<About> {
+    let default = weights.justifications.default();
+    let mut all: Vec<_> = answered
+        .iter()
+        .zip(responses)
+        .filter_map(|(it, response)| {
+            weights.label(response)?;
+            Some((it.query.id, About::of(response, default)?))
+        })
+        .collect();
+    all.sort_by_key(|(id, _)| *id);
+    all.into_iter().map(|(_, about)| about).collect()
+}
+
+/// A row of gradients without its measures.
+fn unmeasured(trial: &Trial, variant: &Variant) -> GradientRow {
+    GradientRow {
+        trial: trial.index,
+        seed: trial.seed,
+        weights: variant.weights_shown(),
+        fit: variant.fit,
+        epoch: 0,
+        about: About::Safety,
+        n: 0,
+        logit: 0.0,
+        parameters: 0.0,
+    }
+}
+
+/// The latents of each trajectory that was labeled, a row a state.
 ///
 /// Those that were played hold noise and those that were made do not, so that neighbors differ for that alone: all are imagined
 /// again from where they began, in the mean.
-fn spread(
+fn imagined_again(
     model: &WorldModel,
     dreams: &[DreamEpisode],
     features: &[Features],
     answered: &[AnsweredTransition],
-) -> Option<f64> {
+) -> Vec<Features> {
     const TEMPERATURE: f64 = 0.1;
     let firsts: BTreeSet<(usize, usize)> =
         answered.iter().map(|it| (it.transition.dream.0 as usize, it.transition.first)).collect();
     let fits = |&(dream, first): &(usize, usize)| first + TRAJECTORY_LEN <= dreams[dream].len();
     let firsts: Vec<_> = firsts.into_iter().filter(fits).collect();
     if firsts.is_empty() {
-        return None;
+        return Vec::new();
     }
     let starts: Vec<LatentState> = firsts
         .iter()
@@ -335,9 +476,28 @@ fn spread(
     let width = model.config().mdn_rnn.latent as usize;
     let of = |i: usize| {
         let values = zs.iter().flat_map(|row| &row[i * width..(i + 1) * width]).copied().collect();
-        diversity(&Features { width, values })
+        Features { width, values }
     };
-    Some((0..firsts.len()).map(of).sum::<f64>() / firsts.len() as f64)
+    (0..firsts.len()).map(of).collect()
+}
+
+/// How diverse trajectories are, on average.
+fn spread(trajectories: &[Features]) -> Option<f64> {
+    let n = trajectories.len();
+    (n > 0).then(|| trajectories.iter().map(diversity).sum::<f64>() / n as f64)
+}
+
+/// Some of the states of the labeled trajectories: the seed's share of what is asked for.
+fn states_of(description: &Description, trial: &Trial, trajectories: &[Features]) -> Vec<StateRow> {
+    let (method, seed) = (trial.method, trial.seed);
+    let all = trajectories.iter().enumerate().flat_map(|(trajectory, rows)| {
+        (0..rows.len()).map(move |step| {
+            let z = rows.row(step).to_vec();
+            StateRow { trial: trial.index, method, seed, trajectory, step, z }
+        })
+    });
+    let n = description.states.div_ceil(description.seeds.len().max(1));
+    chosen(all.collect(), n, &mut ChaCha8Rng::seed_from_u64(seed))
 }
 
 fn row(
@@ -359,6 +519,9 @@ fn row(
         minutes: if learned.is_some() { first as f64 * seconds_an_answer(trial.method) / 60.0 } else { 0.0 },
         labels: learned.map_or(0, |learned| learned.n_labels),
         weights: variant.weights_shown(),
+        found: variant.found,
+        recorded: trial.recorded,
+        world_model: BTreeMap::new(),
         critical_mistakes: variant.mistakes.critical,
         other_mistakes: variant.mistakes.other,
         annotators: variant.annotators,

@@ -22,7 +22,7 @@ use crate::world_model::{Next, State, WorldModel, actions_tensor};
 pub use agent::Agent;
 pub use candidates::{CandidateSet, Refinement, candidates};
 pub use co_driver::CoDriver;
-pub use snippets::{Snippets, with_snippets};
+pub use snippets::{Snippets, with_snippets, with_snippets_of};
 
 /// Further ahead nobody looks: what is imagined there has little to do with the world.
 const MAX_HORIZON: usize = 200;

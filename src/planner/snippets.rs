@@ -55,8 +55,22 @@ impl Snippets {
         horizon: usize,
         on_episode: &mut dyn FnMut(usize, usize) -> ControlFlow<()>,
     ) -> Result<Option<Self>, DatasetError> {
+        let all: Vec<usize> = (0..dataset.n_episodes()).collect();
+        Self::gather_from(model, (dataset, &all), horizon, on_episode)
+    }
+
+    /// The same of some episodes alone.
+    ///
+    /// # Errors
+    /// Where an episode cannot be read.
+    pub fn gather_from(
+        model: &WorldModel,
+        (dataset, episodes): (&Dataset, &[usize]),
+        horizon: usize,
+        on_episode: &mut dyn FnMut(usize, usize) -> ControlFlow<()>,
+    ) -> Result<Option<Self>, DatasetError> {
         let lens: Vec<usize> = (0..dataset.n_episodes()).map(|i| dataset.len(i)).collect();
-        let fits: Vec<usize> = (0..lens.len()).filter(|i| lens[*i] >= horizon).collect();
+        let fits: Vec<usize> = episodes.iter().copied().filter(|i| lens[*i] >= horizon).collect();
         // Of many episodes some, of each several.
         let every = fits.len().div_ceil(MOST_EPISODES).max(1);
         let chosen: Vec<usize> = fits.into_iter().step_by(every).collect();
@@ -193,13 +207,31 @@ pub fn with_snippets(
     dataset: &Dataset,
     on_episode: &mut dyn FnMut(usize, usize) -> ControlFlow<()>,
 ) -> Result<Option<Parameters>, DatasetError> {
+    let all: Vec<usize> = (0..dataset.n_episodes()).collect();
+    with_snippets_of(parameters, dataset, &all, on_episode)
+}
+
+/// The same of some episodes alone.
+///
+/// # Errors
+/// Where an episode cannot be read.
+///
+/// # Panics
+/// Where `parameters` hold no world model.
+pub fn with_snippets_of(
+    parameters: Parameters,
+    dataset: &Dataset,
+    episodes: &[usize],
+    on_episode: &mut dyn FnMut(usize, usize) -> ControlFlow<()>,
+) -> Result<Option<Parameters>, DatasetError> {
     let model = WorldModel::load(parameters.clone()).unwrap_or_else(|met| panic!("just fitted: {met}"));
     let spec = model.spec();
     if spec.source.kind == SourceKind::BuiltIn {
         return Ok(Some(parameters));
     }
     let mut is_broken_off = false;
-    let snippets = Snippets::gather(&model, dataset, spec.planner.horizon, &mut |done, n| {
+    let from = (dataset, episodes);
+    let snippets = Snippets::gather_from(&model, from, spec.planner.horizon, &mut |done, n| {
         let go_on = on_episode(done, n);
         is_broken_off |= go_on.is_break();
         go_on

@@ -1,5 +1,7 @@
 //! Fitting the ensemble to answers: Bradley–Terry cross-entropy with soft labels (method §8).
 
+mod gradients;
+
 use std::ops::ControlFlow;
 
 use rand::Rng;
@@ -14,6 +16,8 @@ use crate::reward::{RewardConfig, RewardEnsemble, Schedule};
 use crate::tensor::adam::pytorch_adam;
 use crate::tensor::{NotFinite, dims, from_slice, require_finite, to_vec};
 use crate::world::{Action, ActionRanges};
+
+pub use gradients::GradientNorm;
 
 /// How many answers the recent metrics look back on.
 pub const RECENT: usize = 50;
@@ -171,8 +175,24 @@ impl Trainer {
         rng: &mut impl Rng,
         mut on_epoch: impl FnMut(&EpochReport) -> ControlFlow<()>,
     ) -> Result<ControlFlow<()>, NotFinite> {
+        self.fit_watched(
+            rng,
+            |_, report| if report.epoch == 0 { ControlFlow::Continue(()) } else { on_epoch(report) },
+        )
+    }
+
+    /// The same, where `on_epoch` may look at what is learning: after each epoch, and before the first, which it is told as
+    /// the epoch 0 without losses.
+    pub fn fit_watched(
+        &mut self,
+        rng: &mut impl Rng,
+        mut on_epoch: impl FnMut(&Self, &EpochReport) -> ControlFlow<()>,
+    ) -> Result<ControlFlow<()>, NotFinite> {
         self.begin_anew(rng);
         let n_epochs = self.ensemble.config.epochs(self.pairs.len());
+        if on_epoch(self, &EpochReport { epoch: 0, n_epochs, losses: Vec::new() }).is_break() {
+            return Ok(ControlFlow::Break(()));
+        }
         for epoch in 1..=n_epochs {
             let left = match self.ensemble.config.schedule {
                 Schedule::Falling => 1.0 - (epoch - 1) as f64 / n_epochs as f64,
@@ -181,7 +201,7 @@ impl Trainer {
             self.adam.set_lr(self.ensemble.config.learning_rate * left);
             let losses = self.epoch(rng);
             require_losses(&losses, epoch, "the reward")?;
-            if on_epoch(&EpochReport { epoch, n_epochs, losses }).is_break() {
+            if on_epoch(self, &EpochReport { epoch, n_epochs, losses }).is_break() {
                 return Ok(ControlFlow::Break(()));
             }
         }
@@ -323,7 +343,7 @@ fn loss(returns: &Tensor, mus: &Tensor) -> Tensor {
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use proptest::prelude::*;
     use rand::SeedableRng as _;
     use rand_chacha::ChaCha8Rng;
@@ -334,7 +354,7 @@ mod tests {
 
     const F: i64 = 6;
 
-    fn rng(seed: u64) -> ChaCha8Rng {
+    pub(super) fn rng(seed: u64) -> ChaCha8Rng {
         ChaCha8Rng::seed_from_u64(seed)
     }
 
@@ -348,7 +368,7 @@ mod tests {
     }
 
     /// Eight pairs, each labeled by nothing but chance: they can only be learned by heart.
-    fn trainer(config: RewardConfig) -> Trainer {
+    pub(super) fn trainer(config: RewardConfig) -> Trainer {
         let mut trainer = Trainer::new(RewardEnsemble::new((F, "sha256:0"), config, &mut rng(0)));
         for i in 0..8 {
             let answer = if i % 3 == 0 { SafetyAnswer::OnlyLeft } else { SafetyAnswer::OnlyRight };

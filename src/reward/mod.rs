@@ -26,11 +26,11 @@ use crate::tensor::{
 use crate::world::{Action, ActionRanges};
 use crate::world_model::{ModelIdentity, WorldModel, fast_kind};
 
-pub use fit::{EpochReport, SegmentPair, Trainer, segment_rows};
+pub use fit::{EpochReport, GradientNorm, SegmentPair, Trainer, segment_rows};
 pub use inference::InferenceReward;
 pub use learned::{LearnedReward, RewardKind, RewardNetworks};
 pub use metrics::PredictionMetrics;
-pub use preference_fit::{Fitted, fit_anew, predict_held_out};
+pub use preference_fit::{Fitted, fit_anew, fit_anew_watched, predict_held_out};
 pub use sparse::{SparseConfig, SparseReward, transition_row};
 pub use sparse_fit::{HeldOut, SparseFit, fit_sparse_anew};
 

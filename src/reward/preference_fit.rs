@@ -36,12 +36,26 @@ pub fn fit_anew<E: From<NotFinite>>(
     mut rows: impl FnMut(SegmentRef) -> Result<Vec<f32>, E>,
     mut on_epoch: impl FnMut(&EpochReport) -> ControlFlow<()>,
 ) -> Result<Option<Fitted>, E> {
+    fit_anew_watched(model, config, seed, labels, &mut rows, |_, report| {
+        if report.epoch == 0 { ControlFlow::Continue(()) } else { on_epoch(report) }
+    })
+}
+
+/// The same, where `on_epoch` may look at what is learning: see [`Trainer::fit_watched`].
+pub fn fit_anew_watched<E: From<NotFinite>>(
+    model: &WorldModel,
+    config: RewardConfig,
+    seed: u64,
+    labels: &[LabeledQuery],
+    mut rows: impl FnMut(SegmentRef) -> Result<Vec<f32>, E>,
+    mut on_epoch: impl FnMut(&Trainer, &EpochReport) -> ControlFlow<()>,
+) -> Result<Option<Fitted>, E> {
     let rng = &mut ChaCha8Rng::seed_from_u64(seed);
     let mut trainer = trainer_over(model, config, labels, &mut rows, rng)?;
     let mut losses = Vec::new();
-    let done = trainer.fit(rng, |report| {
+    let done = trainer.fit_watched(rng, |trainer, report| {
         losses = report.losses.iter().map(|loss| *loss as f32).collect();
-        on_epoch(report)
+        on_epoch(trainer, report)
     })?;
     Ok(done.is_continue().then_some(Fitted { trainer, losses }))
 }

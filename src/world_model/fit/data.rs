@@ -271,13 +271,13 @@ impl<'a> ShuffledFrames<'a> {
     }
 }
 
-/// Keeps the latents of every episode in `run`, so that the memory's training holds only its batch. Those of another
-/// vision are made anew.
+/// Keeps the latents of every episode of the split in `run`, so that the memory's training holds only its batch. Those of
+/// another vision are made anew.
 pub(super) fn encode(
     source: Source<'_>,
+    split: &Split,
     config: &WorldModelConfig,
-    backend: Backend,
-    vision: &Parameters,
+    (backend, vision): (Backend, &Parameters),
     run: &Run,
     report: &mut Report<'_>,
 ) -> Result<(), FitError> {
@@ -287,14 +287,17 @@ pub(super) fn encode(
     let of = vision.hash();
     // Noise is added to these anyway. The quick arithmetic is exact enough, and there are a great many.
     let encoder = vae.encoder.for_inference(if backend.is_cpu() { backend.kind } else { Kind::Float });
-    let n = source.dataset.n_episodes();
-    let mut encoded = |i: usize| {
+    let mut episodes = [&split.train[..], &split.held_out].concat();
+    episodes.sort_unstable();
+    let mut done = 0;
+    let mut encoded = || {
+        done += 1;
         let progress = Progress {
             stage: Stage::Encode,
             epoch: 0,
             max_epochs: 1,
-            done: i + 1,
-            n,
+            done,
+            n: episodes.len(),
             items: 1000,
             loss: 0.0,
             held_out: None,
@@ -304,10 +307,10 @@ pub(super) fn encode(
         if report(&progress).is_break() { Err(FitError::Stopped) } else { Ok(()) }
     };
     let mut missing = Vec::new();
-    for i in 0..n {
+    for &i in &episodes {
         let there = run.load(&latents_name(i))?.and_then(|latents| latents.metadata("vision"));
         if there.as_ref() == Some(&of) {
-            encoded(i)?;
+            encoded()?;
         } else {
             missing.push(i);
         }
@@ -325,7 +328,7 @@ pub(super) fn encode(
             ("actions".to_owned(), actions_tensor(&episode.actions).view([t, config.mdn_rnn.actions])),
         ];
         run.save(&latents_name(i), &Parameters::from_tensors(latents, &[("vision", of.clone())]))?;
-        encoded(i)
+        encoded()
     })
 }
 

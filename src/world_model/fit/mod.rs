@@ -401,12 +401,28 @@ pub fn fit_world_with(
     run: &Run,
     report: &mut Report<'_>,
 ) -> Result<Parameters, FitError> {
+    let split = Split::new(dataset.n_episodes(), fit.held_out, fit.seed);
+    fit_world_on(means, dataset, &split, config, fit, run, report)
+}
+
+/// The same on those episodes of `dataset` alone that `split` names: the share that `fit` would hold out is not asked for.
+///
+/// A folder `run` is for one split, and gone on with under no other.
+pub fn fit_world_on(
+    means: Means<'_>,
+    dataset: &Dataset,
+    split: &Split,
+    config: &WorldModelConfig,
+    fit: &FitConfig,
+    run: &Run,
+    report: &mut Report<'_>,
+) -> Result<Parameters, FitError> {
     let Means { backend, read } = means;
     let source = Source { dataset, read };
     check(dataset)?;
     config.check().map_err(FitError::Config)?;
     check_world(dataset, config)?;
-    let n = dataset.n_episodes();
+    let n = split.train.len() + split.held_out.len();
     let (env, recordings) = (config.env.clone(), dataset.fingerprint());
     let record = FitRecord {
         settings: fit.clone(),
@@ -422,19 +438,27 @@ pub fn fit_world_with(
         Some(_) => {}
         None => run.note("terms", &now)?,
     }
-    let split = Split::new(n, fit.held_out, fit.seed);
-    let vision = fit_vae(source, &split, config, fit, backend, run, report)?;
+    let vision = fit_vae(source, split, config, fit, backend, run, report)?;
     let seen = Parameters::of(&[("net", &vision)], &[]);
-    encode(source, config, backend, &seen, run, report)?;
-    let memory = fit_mdn_rnn(&split, config, fit, backend, seen.hash(), run, report)?;
+    encode(source, split, config, (backend, &seen), run, report)?;
+    let memory = fit_mdn_rnn(split, config, fit, backend, seen.hash(), run, report)?;
     let parameters = WorldModel::parameters_of(config, &vision, &memory);
     let parameters = parameters.with_metadata(FitRecord::KEY, record.to_json());
-    with_starts(source, &split, &parameters, |model, i, episode, at| {
+    with_starts(source, split, &parameters, |model, i, episode, at| {
         if backend.is_cpu() {
             return Ok(model.states_of(&episode.frames, &episode.actions, at));
         }
         Ok(model.states_of_latents(&means_of(run, i, config)?, &episode.actions, at))
     })
+}
+
+/// The least losses on held-out episodes of the fit in `run`, of vision and of memory; nothing where it has no epoch of each.
+///
+/// # Errors
+/// Where a checkpoint cannot be read.
+pub fn best_losses(run: &Run) -> Result<Option<[f64; 2]>, FitError> {
+    let (vision, memory) = (train_loop::best(run, Stage::Vae)?, train_loop::best(run, Stage::MdnRnn)?);
+    Ok(vision.zip(memory).map(<[f64; 2]>::from))
 }
 
 /// The latents of an episode's steps, as they were encoded.

@@ -43,6 +43,20 @@ struct TrainState {
     fingerprint: String,
 }
 
+/// The name of a checkpoint of the network that `stage` trains.
+fn checkpoint(stage: Stage, which: &str) -> String {
+    let network = if stage == Stage::Vae { "vae" } else { "mdn_rnn" };
+    format!("{network}-{which}")
+}
+
+/// The least loss on held-out episodes of the network that `stage` trains, as far as it was trained in `run`.
+pub(super) fn best(run: &Run, stage: Stage) -> Result<Option<f64>, FitError> {
+    let Some(saved) = run.load(&checkpoint(stage, "best"))? else { return Ok(None) };
+    let none = |_| ParametersError::Missing(STATE.to_owned());
+    let (_, state): (u32, TrainState) = describes(saved.metadata(STATE).as_deref()).map_err(none)?;
+    Ok(Some(state.best))
+}
+
 impl<'a> TrainLoop<'a> {
     /// The network in `store` before its first epoch. `fingerprint` says what its scores depend on.
     pub(super) fn new(
@@ -60,8 +74,7 @@ impl<'a> TrainLoop<'a> {
 
     /// The name of a checkpoint.
     fn file(&self, which: &str) -> String {
-        let network = if self.stage == Stage::Vae { "vae" } else { "mdn_rnn" };
-        format!("{network}-{which}")
+        checkpoint(self.stage, which)
     }
 
     /// Goes on from the last checkpoint, if there is one.
