@@ -8,6 +8,7 @@
 //! each [`Variant`] learns a reward and drives. So variants are paired, and what is dreamed is dreamed once. Trials know
 //! nothing of each other: any number of processes works on a folder, on this machine or on a cluster.
 
+mod curves;
 pub mod description;
 pub mod figures;
 pub mod folder;
