@@ -15,17 +15,20 @@ fn main() -> ExitCode {
         Err(cli::CliError::Line(asked)) if !asked.use_stderr() => asked.exit(),
         Err(refused) => {
             eprintln!("dropj: {}", cli::refusal(&refused));
-            return ExitCode::from(2);
+            return ExitCode::from(USAGE);
         }
     };
     match cli::run(asked) {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
             eprintln!("dropj: {}", cli::in_words(&error));
-            ExitCode::from(2)
+            ExitCode::FAILURE
         }
     }
 }
+
+/// The exit code where the command line is none: what was asked but failed has 1 (`cli::EXIT`).
+const USAGE: u8 = 2;
 
 /// What libtorch needs around it: they are read as it is loaded, before `main`; cargo sets them, an installed program
 /// has to itself.

@@ -7,7 +7,10 @@ use dropj::run::{Kind, OutputFile};
 use dropj::session::{Annotators, SessionStore, hand_on, merge_counted};
 use dropj::text::{distinct, shown, shown_within};
 
+use serde_json::json;
+
 use super::numbers;
+use super::told::Form;
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct Options {
@@ -20,6 +23,8 @@ pub(crate) struct Options {
     /// Where to write the figures as a table
     #[arg(long)]
     csv: Option<PathBuf>,
+    #[command(flatten)]
+    form: Form,
 }
 
 #[derive(Debug, clap::Args)]
@@ -30,6 +35,8 @@ pub(crate) struct MergeOptions {
     /// The folder of the session to make
     #[arg(long)]
     out: PathBuf,
+    #[command(flatten)]
+    form: Form,
 }
 
 #[derive(Debug, clap::Args)]
@@ -42,6 +49,8 @@ pub(crate) struct HandOnOptions {
     /// The folder of the session to make
     #[arg(long)]
     out: PathBuf,
+    #[command(flatten)]
+    form: Form,
 }
 
 pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
@@ -64,13 +73,27 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
     if let Some(csv) = csv {
         csv.write(annotators.to_csv().as_bytes())?;
     }
-    println!("{}", table_of_each(&annotators));
-    if annotators.pairs.is_empty() {
-        println!("no two annotators answered the same query");
-    } else {
-        println!("{}", table_of_pairs(&annotators));
-    }
-    Ok(())
+    options.form.tell(&figures(&annotators), || {
+        let pairs = if annotators.pairs.is_empty() {
+            "no two annotators answered the same query".to_owned()
+        } else {
+            table_of_pairs(&annotators)
+        };
+        format!("{}\n{pairs}\n", table_of_each(&annotators))
+    })
+}
+
+/// The same for other programs.
+fn figures(annotators: &Annotators) -> serde_json::Value {
+    let each = annotators.each.iter().map(|one| {
+        json!({
+            "annotator": one.name, "answered": one.n_answered, "skipped": one.n_skipped, "hallucinated": one.n_hallucinated,
+            "labels_per_hour": one.labels_per_hour(), "median_secs": one.median_secs, "again": one.consistency
+        })
+    });
+    let pairs =
+        annotators.pairs.iter().map(|(names, found)| json!({"annotators": names, "agreement": found}));
+    json!({"annotators": each.collect::<Vec<_>>(), "pairs": pairs.collect::<Vec<_>>(), "notes": annotators.notes})
 }
 
 fn table_of_each(annotators: &Annotators) -> String {
@@ -119,24 +142,32 @@ fn figure(value: Option<f64>, digits: usize) -> String {
 pub(crate) fn run_merge(options: &MergeOptions) -> anyhow::Result<()> {
     let (merged, n_same) = merge_counted(&options.sessions, &options.out)?;
     let statistics = merged.session().statistics();
-    println!(
-        "{} dreams, {} answers, {} skipped, of {}: {:?}",
-        merged.session().dreams().len(),
-        statistics.n_answered,
-        statistics.n_skipped,
-        merged.session().annotators().into_keys().map(shown).collect::<Vec<_>>().join(", "),
-        options.out
-    );
-    if n_same > 0 {
-        println!("{n_same} queries stood in several of these sessions and count once");
-    }
-    println!("the reward is yet to be learned: dropj refit --session {:?}", options.out);
-    Ok(())
+    let annotators: Vec<_> = merged.session().annotators().into_keys().collect();
+    let n_dreams = merged.session().dreams().len();
+    let told = json!({
+        "session": options.out, "dreams": n_dreams, "answered": statistics.n_answered, "skipped": statistics.n_skipped,
+        "annotators": annotators, "same_queries": n_same
+    });
+    options.form.tell(&told, || {
+        let mut words = format!(
+            "{n_dreams} dreams, {} answers, {} skipped, of {}: {:?}\n",
+            statistics.n_answered,
+            statistics.n_skipped,
+            annotators.iter().map(|name| shown(name)).collect::<Vec<_>>().join(", "),
+            options.out
+        );
+        if n_same > 0 {
+            words += &format!("{n_same} queries stood in several of these sessions and count once\n");
+        }
+        words + &format!("the reward is yet to be learned: dropj refit --session {:?}\n", options.out)
+    })
 }
 
 pub(crate) fn run_hand_on(options: &HandOnOptions) -> anyhow::Result<()> {
     let handed = hand_on(&options.session, &options.out, &options.annotator)?;
     let n_queries = handed.session().pending().count();
-    println!("{n_queries} queries for {}: dropj --session {:?}", shown(&options.annotator), options.out);
-    Ok(())
+    let told = json!({"session": options.out, "annotator": options.annotator, "queries": n_queries});
+    options.form.tell(&told, || {
+        format!("{n_queries} queries for {}: dropj --session {:?}", shown(&options.annotator), options.out)
+    })
 }

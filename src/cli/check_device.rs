@@ -1,5 +1,6 @@
 //! `dropj check-device`.
 
+use std::fmt::Write as _;
 use std::time::Duration;
 
 use dropj::planner::{PlannerConfig, plan};
@@ -14,11 +15,13 @@ use dropj::world_model::{
 };
 use rand::SeedableRng as _;
 use rand_chacha::ChaCha8Rng;
+use serde_json::json;
 use tch::{Device, Kind, Tensor, nn};
 
 use super::choices::backend;
 use super::fit_world::Preset;
 use super::numbers::number;
+use super::told::Form;
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct Options {
@@ -34,6 +37,8 @@ pub(crate) struct Options {
     /// Pictures, or stretches, in an update
     #[arg(long, value_parser = clap::value_parser!(u16).range(1..=4096), default_value = "128")]
     batch: u16,
+    #[command(flatten)]
+    form: Form,
 }
 
 /// Pictures, or stretches, that are compared.
@@ -49,11 +54,14 @@ type Made = Vec<(&'static str, Tensor)>;
 pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
     let backend = backend(options.device)?;
     if options.device == DeviceChoice::Auto && backend.is_cpu() {
-        println!("there is no accelerator that this program can compute on, and so nothing to compare");
-        return Ok(());
+        return options.form.tell(&json!({"device": null}), || {
+            "there is no accelerator that this program can compute on, and so nothing to compare".to_owned()
+        });
     }
     let config = options.preset.config();
-    println!("{:<52} {:>10} {:>10}", format!("{backend} beside the processor"), "apart", "allowed");
+    let mut words =
+        format!("{:<52} {:>10} {:>10}\n", format!("{backend} beside the processor"), "apart", "allowed");
+    let mut compared = Vec::new();
     let exact = Backend { kind: Kind::Float, ..backend };
     let processor = made(Backend { device: Device::Cpu, kind: Kind::Float }, &config);
     let mut worst = Vec::new();
@@ -68,29 +76,34 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
                 _ => tolerances[0],
             };
             let apart = apart(found, wanted);
-            println!("{:<52} {apart:>10.2e} {allowed:>10.0e}", format!("{what}, {how}"));
+            writeln!(words, "{:<52} {apart:>10.2e} {allowed:>10.0e}", format!("{what}, {how}"))?;
+            compared.push(json!({"what": what, "how": how, "apart": apart, "allowed": allowed}));
             if apart.is_nan() || apart > allowed {
                 worst.push(format!("{what}, {how}"));
             }
         }
     }
-    anyhow::ensure!(
-        worst.is_empty(),
-        "{backend} computes something else than the processor: {}",
-        worst.join("; ")
-    );
+    if !worst.is_empty() {
+        options.form.tell(&json!({"device": backend.to_string(), "compared": compared}), || words)?;
+        anyhow::bail!("{backend} computes something else than the processor: {}", worst.join("; "));
+    }
+    let mut trained = serde_json::Value::Null;
     if options.seconds > 0.0 {
         let mut fit = FitConfig::full();
         (fit.vae.batch, fit.mdn_rnn.batch) = (usize::from(options.batch), usize::from(options.batch));
         let Speed { pictures, steps, steps_in_full } =
             speed(&config, &fit, backend, Duration::from_secs_f64(options.seconds));
-        println!("vision: {pictures:.0} pictures a second, {} in an update", options.batch);
-        println!(
+        trained = json!({"pictures_per_second": pictures, "steps_per_second": steps, "steps_in_full": steps_in_full});
+        writeln!(words, "vision: {pictures:.0} pictures a second, {} in an update", options.batch)?;
+        writeln!(
+            words,
             "memory: {steps:.0} steps a second, {steps_in_full:.0} in single precision, {} stretches of {} in an update",
             options.batch, fit.window
-        );
+        )?;
     }
-    Ok(())
+    options
+        .form
+        .tell(&json!({"device": backend.to_string(), "compared": compared, "training": trained}), || words)
 }
 
 /// The largest difference, in parts of the largest of the wanted numbers.

@@ -17,8 +17,10 @@ use dropj::world_model::WorldModel;
 use serde::Serialize;
 
 use super::chosen_world::ChosenWorld;
+use super::meter::Meter;
 use super::models;
 use super::numbers::count;
+use super::told::Form;
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct Options {
@@ -34,9 +36,8 @@ pub(crate) struct Options {
     /// How many of the recorded episodes, spread over all
     #[arg(long, value_parser = count(1..=100_000), default_value_t = 10)]
     episodes: usize,
-    /// Print JSON: an object
-    #[arg(long)]
-    json: bool,
+    #[command(flatten)]
+    form: Form,
     /// The world model of these sessions, where it is not found by itself
     #[arg(long)]
     world: Option<PathBuf>,
@@ -116,9 +117,12 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
         // Certain labels are those that safety decides, or a preference where nothing else is asked.
         let (sure, unsure): (Vec<_>, Vec<_>) =
             labels.into_iter().partition(|pair| (pair.label.mu() - 0.5).abs() > 0.49);
+        let (mut meter, n, mut done) = (Meter::new(), sure.len() + unsure.len(), 0);
         for (answers, pairs) in [("one clip is surely better", sure), ("all others", unsure)] {
             let mut judge = Trainer::new(RewardEnsemble::load(&parameters)?);
             for pair in &pairs {
+                meter.at("predicting answers", done, n, String::new);
+                done += 1;
                 judge.predict_and_add(pair);
             }
             let figures = judge.overall();
@@ -129,12 +133,7 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
             }));
         }
     }
-    if options.json {
-        println!("{}", serde_json::to_string(&told)?);
-    } else {
-        print!("{}", in_lines(&told));
-    }
-    Ok(())
+    options.form.tell(&told, || in_lines(&told))
 }
 
 /// What the answers of a session are about.
@@ -189,7 +188,9 @@ fn ranked(
     let all = dataset.n_episodes();
     let n = n.min(all);
     let mut tally = HazardTally::new(model.spec());
+    let mut meter = Meter::new();
     for i in 0..n {
+        meter.at("looking at episodes", i, n, String::new);
         tally.add(model, reward, &dataset.episode(i * all / n)?, reset);
     }
     Ok(tally.rankings())

@@ -3,14 +3,17 @@
 use std::path::PathBuf;
 
 use dropj::dataset::Dataset;
-use dropj::evaluation::fidelity::{Fidelity, HORIZON, LEAST, Stretch, fidelity};
+use dropj::evaluation::aligned;
+use dropj::evaluation::fidelity::{Fidelity, HORIZON, LEAST, Stretch, fidelity_told};
 use dropj::run::{Kind, OutputFile};
 use dropj::world::{Frame, Size};
 use dropj::world_model::fit::{FitConfig, Split, check_world};
 
+use super::meter::Meter;
 use super::models;
 use super::numbers::count;
 use super::picture::png;
+use super::told::Form;
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct Options {
@@ -32,6 +35,8 @@ pub(crate) struct Options {
     /// A picture to write: rows of real, reconstructed and dreamed frames, every fifth step
     #[arg(long)]
     picture: Option<PathBuf>,
+    #[command(flatten)]
+    form: Form,
 }
 
 pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
@@ -64,7 +69,10 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
         options.data
     );
     check_world(&dataset, model.config())?;
-    let (figures, stretches) = fidelity(&model, &dataset, &held_out, options.stretches, 0)?;
+    let mut meter = Meter::new();
+    let told = &mut |done, n| meter.at("comparing stretches", done, n, String::new);
+    let (figures, stretches) = fidelity_told(&model, &dataset, &held_out, options.stretches, 0, told)?;
+    drop(meter);
     anyhow::ensure!(
         figures.n_stretches > 0,
         "there is nothing to compare: of {} held-out episodes none is longer than the {LEAST} steps that it takes, or \
@@ -72,12 +80,29 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
         held_out.len(),
         options.data
     );
-    println!("{}", serde_json::json!({"steps": Fidelity::STEPS, "figures": figures}));
+    let told = serde_json::json!({"steps": Fidelity::STEPS, "figures": figures});
+    options.form.tell(&told, || in_words(&figures))?;
     if let Some(picture) = picture {
         let drawn = draw(&stretches[..stretches.len().min(3)]);
         picture.write(&png(drawn.as_raw(), drawn.width(), drawn.height())?)?;
     }
     Ok(())
+}
+
+/// The same for people: root mean square errors of pixels, intensities in `[0, 1]`.
+fn in_words(figures: &Fidelity) -> String {
+    let Fidelity { n_stretches, reconstruction, dreamed, imagined, still } = figures;
+    let heads = ["after so many steps", "dreamed", "imagined", "a still picture"];
+    let mut lines = vec![heads.map(str::to_owned).to_vec()];
+    for (i, steps) in Fidelity::STEPS.iter().enumerate() {
+        let errors = [dreamed, imagined, still].map(|errors| format!("{:.4}", errors[i]));
+        lines.push([vec![steps.to_string()], errors.to_vec()].concat());
+    }
+    format!(
+        "{n_stretches} stretches; errors of pixels, root mean square, of intensities from 0 to 1\nreconstructed: \
+         {reconstruction:.4}\n{}",
+        aligned(&lines)
+    )
 }
 
 /// Three rows a stretch, every fifth step.

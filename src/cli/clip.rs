@@ -11,6 +11,7 @@ use dropj::world::Frame;
 use super::models;
 use super::numbers::count;
 use super::picture::{gif, side_by_side};
+use super::told::Form;
 
 /// What is better is framed in this color, what is not in the other: people who see fewer colors tell them apart, too.
 const BETTER: [u8; 3] = [86, 180, 233];
@@ -46,6 +47,8 @@ pub(crate) struct Options {
     /// The session's world model, where it is not found by itself
     #[arg(long)]
     world: Option<PathBuf>,
+    #[command(flatten)]
+    form: Form,
 }
 
 pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
@@ -60,6 +63,7 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
     };
     // Half as fast as it happens, as in the window.
     let millis = (2000.0 / model.spec().rate).round().max(20.0) as u32;
+    let mut said = None;
     let bytes = if let Some(number) = options.query {
         let asked = session.query(QueryId(number));
         let asked = asked.with_context(|| {
@@ -73,10 +77,8 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
         let colors = colors(response);
         let both: Vec<Frame> =
             left.iter().zip(&right).map(|(left, right)| side_by_side(left, right, colors)).collect();
-        println!(
-            "{}",
-            response.map_or("not answered yet".to_owned(), |response| session.weights().say(&response))
-        );
+        said =
+            Some(response.map_or("not answered yet".to_owned(), |response| session.weights().say(&response)));
         gif(&both, millis, options.scale)?
     } else {
         let dream = dream(DreamId(options.dream.unwrap_or(0)))?;
@@ -86,8 +88,10 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
         gif(&frames, millis, options.scale)?
     };
     output.write(&bytes)?;
-    println!("wrote {:?}", options.out);
-    Ok(())
+    options.form.tell(&serde_json::json!({"file": options.out, "answer": said}), || {
+        let said = said.as_ref().map_or_else(String::new, |said| format!("{said}\n"));
+        format!("{said}wrote {:?}", options.out)
+    })
 }
 
 /// How each clip is framed, left and right.

@@ -12,7 +12,7 @@ pub(crate) struct Options {
     /// said
     #[arg(num_args = 2.., required = true)]
     results: Vec<PathBuf>,
-    /// Print JSON: an object a figure
+    /// Print the result as JSON: an object a line, a figure each
     #[arg(long)]
     json: bool,
 }

@@ -10,6 +10,7 @@ use dropj::tensor::Parameters;
 use dropj::world_model::WorldModel;
 
 use super::choices::Precision;
+use super::told::Form;
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct Options {
@@ -21,17 +22,21 @@ pub(crate) struct Options {
     /// How each number is stored [default: as it is]
     #[arg(long, value_enum)]
     dtype: Option<Precision>,
+    #[command(flatten)]
+    form: Form,
 }
 
 pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
-    let Options { file, out, dtype } = options;
+    let Options { file, out, dtype, form } = options;
     anyhow::ensure!(!out.exists(), "there is something already where the file should be written: {out:?}");
     let parameters = read_parameters(file)?;
     let (what, relaid) = relaid(&parameters).with_context(|| format!("in the file {file:?}"))?;
     let stored = dtype.map_or_else(|| Ok(relaid.clone()), |dtype| dtype.store(&relaid))?;
     write_whole(out, stored.bytes())?;
-    println!("the {what} {} is stored anew: {out:?}, {}", parameters.hash(), stored.hash());
-    Ok(())
+    let (before, after) = (parameters.hash(), stored.hash());
+    form.tell(&serde_json::json!({"kind": what, "hash": before, "file": out, "new_hash": after}), || {
+        format!("the {what} {before} is stored anew: {out:?}, {after}")
+    })
 }
 
 /// What `parameters` are, and the same in this program's layout.

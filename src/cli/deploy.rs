@@ -77,7 +77,7 @@ pub(crate) struct Options {
     /// A table to write, a line a step: what the world knows, what happened, what was done and what the plan promised
     #[arg(long)]
     steps: Option<PathBuf>,
-    /// Print JSON: an object an episode, then one for the whole
+    /// Print the result as JSON: an object a line, an episode each, then one for the whole
     #[arg(long)]
     json: bool,
     #[command(flatten)]

@@ -9,17 +9,20 @@ use std::time::{Duration, Instant};
 
 use anyhow::Context as _;
 use dropj::experiment::slurm::ArrayJob;
+use dropj::experiment::summary::series;
 use dropj::experiment::{
-    Description, Evaluation, Evaluations, Folder, Ground, Outcome, Scale, Trial, learned_world, named, names,
+    Description, Evaluation, Evaluations, Folder, Ground, Outcome, Rows, Scale, Trial, learned_world, named, names,
     run_trial,
 };
 use dropj::run::{read_at_most, write_whole};
 use dropj::worker::{n_processors, pause};
+use serde_json::json;
 
 use super::chosen_world::ChosenWorld;
 use super::meter::Meter;
 use super::models;
 use super::numbers::count;
+use super::told::Form;
 
 /// Bytes of a description.
 const MOST: u64 = 1 << 20;
@@ -69,6 +72,8 @@ pub(crate) struct Options {
     /// Put together what the trials of the folder brought
     #[arg(long, requires = "out", conflicts_with_all = ["experiment", "slurm", "task"])]
     collect: bool,
+    #[command(flatten)]
+    form: Form,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
@@ -101,18 +106,20 @@ impl ScaleName {
 
 pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
     if options.list {
-        for name in names() {
-            let Some(Description { title, paper, .. }) = named(name) else { continue };
+        let all = || names().filter_map(|name| Some((name, named(name)?)));
+        let told = all().map(|(name, it)| json!({"name": name, "title": it.title, "paper": it.paper}));
+        let told = json!({"experiments": told.collect::<Vec<_>>()});
+        let line = |(name, Description { title, paper, .. }): (&str, Description)| {
             let paper = if paper.is_empty() { String::new() } else { format!(" ({paper})") };
-            println!("{name:20} {title}{paper}");
-        }
-        return Ok(());
+            format!("{name:20} {title}{paper}\n")
+        };
+        return options.form.tell(&told, || all().map(line).collect());
     }
     if let (Some(task), Some(dir)) = (options.task, &options.out) {
         return run_task(&Folder::open(dir)?, task);
     }
     if let (true, Some(dir)) = (options.collect, &options.out) {
-        return collect(&Folder::open(dir)?);
+        return collect(&Folder::open(dir)?, options.form);
     }
     let description = asked(options)?;
     if options.print {
@@ -133,7 +140,7 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
     if options.no_wait {
         return Ok(());
     }
-    collect(&folder)?;
+    collect(&folder, options.form)?;
     let missing = folder.missing()?;
     let why = || {
         missing.iter().find_map(|trial| folder.failure(*trial)).unwrap_or_else(|| "it was ended".to_owned())
@@ -230,9 +237,25 @@ fn outcome_of(folder: &Folder, trial: &Trial) -> anyhow::Result<Outcome> {
     Ok(outcome)
 }
 
-fn collect(folder: &Folder) -> anyhow::Result<()> {
+fn collect(folder: &Folder, form: Form) -> anyhow::Result<()> {
     let words = folder.collect()?;
-    print!("{words}");
+    let rows = folder.rows()?;
+    let mut measures = serde_json::Map::new();
+    for measure in rows.measures() {
+        let all = series(&folder.description, &rows, &measure).into_iter().map(|(name, points)| {
+            let points = points.iter().map(|point| {
+                let [mean, low, high] = point.mean;
+                json!({"x": point.x, "mean": mean, "low": low, "high": high, "seeds": point.of_seeds})
+            });
+            json!({"series": name, "points": points.collect::<Vec<_>>()})
+        });
+        measures.insert(measure.slug(), all.collect());
+    }
+    let told = json!({
+        "folder": folder.dir(), "trials": folder.description.trials().len(), "missing": folder.missing()?,
+        "episodes": rows.0.len(), "measures": measures
+    });
+    form.tell(&told, || words)?;
     std::io::stdout().flush().ok();
     eprintln!("tables, words and figures are in {:?}", folder.dir());
     Ok(())

@@ -11,26 +11,36 @@ use dropj::tensor::Parameters;
 use dropj::world_model::{Layer, WorldModel, WorldModelConfig};
 use tch::{CModule, Device, Kind, Tensor};
 
+use super::hub::{self, Item};
+use super::told::Form;
+
 #[derive(Debug, clap::Args)]
 #[command(after_help = FUNCTIONS)]
 pub(crate) struct Options {
     /// Write TorchScript, which PyTorch reads in Python and C++: `torch.jit.load`
-    #[arg(long, required = true)]
+    #[arg(long, required_unless_present = "hub")]
     torchscript: bool,
+    #[command(flatten)]
+    hub: hub::Options,
     /// The world model to write
     #[arg(long)]
     world: Option<PathBuf>,
     /// The reward to write
-    #[arg(long, required_unless_present = "world")]
+    #[arg(long, required_unless_present_any = ["world", "data"])]
     reward: Option<PathBuf>,
-    /// What the files are called: F-observe.pt and so on for F.pt; there must be nothing yet
-    #[arg(long, value_name = "F.pt")]
-    out: PathBuf,
+    /// What the files of TorchScript are called: F-observe.pt and so on for F.pt; there must be nothing yet
+    #[arg(long, value_name = "F.pt", required_unless_present = "hub", conflicts_with = "hub")]
+    out: Option<PathBuf>,
+    #[command(flatten)]
+    form: Form,
 }
 
 /// What the files hold.
 const FUNCTIONS: &str = "\
-Each file is a module with one function, forward, for batches of any size B. Of a world model of Z latents, M memory cells and \
+With --hub, recordings become a LeRobotDataset v3.0 with a card, without journals and what was deleted; a world model or a reward, one \
+at a time, becomes model.safetensors with config.json and a card.
+
+With --torchscript, each file is a module with one function, forward, for batches of any size B. Of a world model of Z latents, M memory cells and \
 A axes, where a state is its F = Z + 2 M features z, c and h:
 
   F-observe.pt  frames, uint8 [B, H, W, 3]                        gives z [B, Z]
@@ -45,6 +55,20 @@ Of a reward:
 Actions are as driven. All but frames is float32.";
 
 pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
+    let form = options.form;
+    let Options { world, reward: learned, hub: hub::Options { hub, data, results }, .. } = options;
+    if let Some(folder) = hub {
+        let item = match (data, world, learned) {
+            (Some(data), ..) => Item::Recordings(data),
+            (None, Some(world), None) => Item::World(world),
+            (None, None, Some(reward)) => Item::Reward(reward),
+            _ => anyhow::bail!(
+                "a world model and a reward are two things to the Hub: give --hub one of them, then the other"
+            ),
+        };
+        return hub::write(&item, folder, results.as_deref(), form);
+    }
+    let out = options.out.as_deref().context("--out is needed for TorchScript")?;
     let mut modules = Vec::new();
     if let Some(path) = &options.world {
         let parameters = WorldModel::relaid(read_parameters(path)?);
@@ -57,15 +81,16 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
         let module = reward(&parameters).with_context(|| format!("in the file {path:?}"))?;
         modules.push(("reward", module));
     }
-    let paths: Vec<_> = modules.iter().map(|(name, _)| place(&options.out, name)).collect();
+    let paths: Vec<_> = modules.iter().map(|(name, _)| place(out, name)).collect();
     if let Some(taken) = paths.iter().find(|path| path.exists()) {
         anyhow::bail!("there is something already where the file should be written: {taken:?}");
     }
     for ((_, module), path) in modules.iter().zip(&paths) {
         write_whole(path, &bytes_of(module)?)?;
-        println!("written: {path:?}");
     }
-    Ok(())
+    form.tell(&serde_json::json!({"files": paths}), || {
+        paths.iter().map(|path| format!("written: {path:?}\n")).collect()
+    })
 }
 
 /// `F-name.pt` for `F.pt`.

@@ -12,12 +12,15 @@ use dropj::tensor::Parameters;
 use dropj::world::cars::{Aids, CarWorld};
 use dropj::world_model::WorldModel;
 
+use serde_json::{Value, json};
+
 use super::choices::{Computing, Precision};
 use super::chosen_world::{ChosenWorld, chosen_world};
 use super::meter::Meter;
 use super::models;
 use super::numbers::count;
 use super::run_file::{MAX_WHOLE, RunFile};
+use super::told::Form;
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct Options {
@@ -49,6 +52,8 @@ pub(crate) struct Options {
     #[command(flatten)]
     computing: Computing,
     #[command(flatten)]
+    form: Form,
+    #[command(flatten)]
     pub(crate) run_file: RunFile,
 }
 
@@ -76,15 +81,14 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
     let model = models::world_model(&world)?.on(options.computing.backend()?)?;
     models::require(&model, &options.env)?;
     let out = OutputFile::at(&options.out, Kind::Network)?;
-    let (parameters, said) = match config.probe.reads {
+    let (parameters, said, errors) = match config.probe.reads {
         Reads::Car { .. } => drive(&config, options, &model)?,
         Reads::Events(_) => learn_recorded(&config, options, &model)?,
     };
     let parameters = options.dtype.store(&parameters)?;
     out.write(parameters.bytes())?;
-    println!("{said}");
-    println!("wrote {:?}, {}", options.out, parameters.hash());
-    Ok(())
+    let told = json!({"file": options.out, "hash": parameters.hash(), "errors": errors});
+    options.form.tell(&told, || format!("{said}\nwrote {:?}, {}", options.out, parameters.hash()))
 }
 
 /// Fits the probe of a built-in car; what came of it in words.
@@ -92,7 +96,7 @@ fn drive(
     config: &FitProbeConfig,
     options: &Options,
     model: &WorldModel,
-) -> anyhow::Result<(Parameters, String)> {
+) -> anyhow::Result<(Parameters, String, Value)> {
     let name = options.env.spec.source.world.as_deref().unwrap_or(options.env.name());
     let mut world =
         CarWorld::open(name, Aids::NONE).context("there is no such car: give recordings with --data")?;
@@ -103,7 +107,8 @@ fn drive(
     let fit = fit.context("the probe cannot be fitted")?;
     let said =
         format!("held-out real frames: {:.3?}\nseen through the world model: {:.3?}", fit.real, fit.painted);
-    Ok((fit.parameters, said))
+    let errors = json!({"real": fit.real, "painted": fit.painted});
+    Ok((fit.parameters, said, errors))
 }
 
 /// Fits the probe of any world on its recordings; what came of it in words.
@@ -111,7 +116,7 @@ fn learn_recorded(
     config: &FitProbeConfig,
     options: &Options,
     model: &WorldModel,
-) -> anyhow::Result<(Parameters, String)> {
+) -> anyhow::Result<(Parameters, String, Value)> {
     let usual = || Path::new("data").join(options.env.name());
     let data = options.data.clone().unwrap_or_else(usual);
     let dataset = Dataset::open(&data)
@@ -128,7 +133,8 @@ fn learn_recorded(
     if let Some(painted) = &fit.painted {
         said = format!("{said}\nseen through the world model: {painted}");
     }
-    Ok((fit.parameters, said))
+    let errors = json!({"real": fit.real, "painted": fit.painted});
+    Ok((fit.parameters, said, errors))
 }
 
 fn say(meter: &mut Meter, progress: &Progress) -> ControlFlow<()> {

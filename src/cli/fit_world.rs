@@ -17,6 +17,7 @@ use super::meter::Meter;
 use super::models::world_model;
 use super::numbers::{count, number};
 use super::run_file::{MAX_WHOLE, RunFile};
+use super::told::Form;
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct Options {
@@ -59,6 +60,8 @@ pub(crate) struct Options {
     /// The most epochs for memory
     #[arg(long, value_parser = count(1..=1_000_000))]
     mdn_rnn_epochs: Option<usize>,
+    #[command(flatten)]
+    form: Form,
     #[command(flatten)]
     pub(crate) run_file: RunFile,
 }
@@ -138,8 +141,9 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
     let parameters = options.dtype.store(&parameters)?;
     let hint = "the fit is done, but not written; with `--resume` nothing is fitted anew";
     out.write(parameters.bytes()).context(hint)?;
-    println!("wrote {:?}, {}", options.out, parameters.hash());
-    Ok(())
+    options.form.tell(&serde_json::json!({"file": options.out, "hash": parameters.hash()}), || {
+        format!("wrote {:?}, {}", options.out, parameters.hash())
+    })
 }
 
 fn say(meter: &mut Meter, progress: &Progress) {

@@ -55,6 +55,9 @@ struct Form {
     /// A JSON object a line, an answer each
     #[arg(long)]
     jsonl: bool,
+    /// One JSON object, with the answers as the list `rows`
+    #[arg(long)]
+    json: bool,
     /// A Parquet file
     #[arg(long, requires = "out")]
     parquet: bool,
@@ -62,7 +65,7 @@ struct Form {
 
 pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
     let Options { form, out, .. } = options;
-    let kind = if form.jsonl { Kind::Notes } else { Kind::Table };
+    let kind = if form.jsonl || form.json { Kind::Notes } else { Kind::Table };
     let output = match out {
         Some(out) if form.parquet => {
             anyhow::ensure!(
@@ -77,7 +80,11 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
     let (_, session) = SessionStore::read(&options.session)?;
     let weights = reweighted(session.weights(), &options.weights, options.safety, options.default)?;
     let rows = label_rows(&session, &weights);
-    let text = if form.csv { to_csv(&rows) } else { to_jsonl(&rows)? };
+    let text = match form {
+        Form { csv: true, .. } => to_csv(&rows),
+        Form { json: true, .. } => serde_json::to_string(&serde_json::json!({"rows": rows}))? + "\n",
+        _ => to_jsonl(&rows)?,
+    };
     match (output, out) {
         (Some(output), _) => output.write(text.as_bytes())?,
         (None, Some(out)) => write_whole(out, &to_parquet(&rows)?)?,

@@ -12,6 +12,7 @@ mod clip;
 mod compare;
 mod completions;
 mod convert;
+mod curves;
 mod deploy;
 mod error;
 mod experiment;
@@ -20,6 +21,7 @@ mod export;
 mod fit_drqv2;
 mod fit_probe;
 mod fit_world;
+mod hub;
 mod labels;
 mod learn;
 mod meter;
@@ -39,6 +41,7 @@ mod settings;
 mod simulate;
 mod sparse;
 mod times;
+mod told;
 mod trace;
 mod window;
 mod words;
@@ -99,7 +102,7 @@ enum Command {
     Labels(labels::Options),
     /// Write the reward of every step of a dream
     Reward(reward_on::Options),
-    /// Write a world model or a reward for programs that run TorchScript
+    /// Write recordings, a world model or a reward for the Hugging Face Hub, or networks as TorchScript
     Export(export::Options),
     /// Go through a session again from its files
     Replay(replay::Options),
@@ -140,9 +143,25 @@ impl Command {
     }
 }
 
+/// What every help ends with.
+const EXIT: &str = "\
+Exit codes: 0 it is done; 1 it failed, and standard error says why in one sentence; 2 the command line is not understood.
+Results are on standard output, progress and warnings on standard error: --json makes the result one JSON object, where a command \
+has it. RUST_LOG=info or RUST_LOG=debug says more (RUST_LOG=error less), and RUST_LOG=dropj=debug more of this program alone.";
+
+/// The command line, with that at the end of the help of each command.
+fn command() -> clap::Command {
+    ended(Cli::command())
+}
+
+fn ended(command: clap::Command) -> clap::Command {
+    let own = command.get_after_help().map(|own| format!("{own}\n\n")).unwrap_or_default();
+    command.after_help(own + EXIT).mut_subcommands(ended)
+}
+
 /// What is asked on the command line, and in the file of settings that it names.
 pub(crate) fn parse(line: impl IntoIterator<Item = OsString>) -> Result<Cli, CliError> {
-    let (matches, filling) = run_file::read_line(Cli::command(), line.into_iter().collect())?;
+    let (matches, filling) = run_file::read_line(command(), line.into_iter().collect())?;
     let mut cli = Cli::from_arg_matches(&matches)?;
     if let Some(run_file) = cli.command.as_mut().and_then(Command::run_file) {
         run_file.fill(filling);
@@ -184,8 +203,8 @@ pub(crate) fn run(cli: Cli) -> anyhow::Result<()> {
         Some(Command::HandOn(options)) => agree::run_hand_on(&options),
         Some(Command::Repair(options)) => repair::run(&options),
         Some(Command::Trace(options)) => trace::run(&options),
-        Some(Command::Completions(options)) => completions::run(&options, Cli::command()),
-        Some(Command::Man) => completions::manual(Cli::command()),
+        Some(Command::Completions(options)) => completions::run(&options, command()),
+        Some(Command::Man) => completions::manual(command()),
         Some(Command::World(options)) => world::run(&options),
     }
 }
@@ -199,6 +218,42 @@ mod tests {
         use clap::CommandFactory as _;
 
         Cli::command().debug_assert();
+    }
+
+    /// Every command that can be given, by its name, `world check` as one of them.
+    fn commands() -> Vec<(String, clap::Command)> {
+        fn add(before: &str, command: &clap::Command, all: &mut Vec<(String, clap::Command)>) {
+            for sub in command.get_subcommands().filter(|sub| sub.get_name() != "help") {
+                let name = format!("{before}{}", sub.get_name());
+                if sub.has_subcommands() {
+                    add(&format!("{name} "), sub, all);
+                } else {
+                    all.push((name, sub.clone()));
+                }
+            }
+        }
+        let mut all = Vec::new();
+        add("", &command(), &mut all);
+        all
+    }
+
+    #[test]
+    fn what_tells_a_result_tells_it_as_json_and_every_help_says_how_it_ends() {
+        // They write text that is read by somebody else: a shell, a pager, a world's file, a package.
+        let texts = ["completions", "man", "world new", "world adapter"];
+        let commands = commands();
+        assert!(commands.len() > 25, "{}", commands.len());
+        for (name, mut command) in commands {
+            let has_json = command.get_arguments().any(|arg| arg.get_long() == Some("json"));
+            assert_eq!(has_json, !texts.contains(&name.as_str()), "{name}");
+            for help in [command.render_help(), command.render_long_help()] {
+                let help = help.to_string().split_whitespace().collect::<Vec<_>>().join(" ");
+                assert!(help.contains("Exit codes: 0 it is done; 1 it failed"), "{name}: {help}");
+                assert!(help.ends_with("more of this program alone."), "{name}: {help}");
+            }
+        }
+        let help = command().render_help().to_string();
+        assert!(help.contains("Exit codes:") && help.contains("RUST_LOG"), "{help}");
     }
 
     #[test]

@@ -9,6 +9,7 @@ use dropj::simulate::record::record;
 
 use super::chosen_world::{ChosenWorld, chosen_world};
 use super::meter::Meter;
+use super::told::Form;
 
 /// As many as a dataset of ours can number.
 const MAX_EPISODES: u64 = 1_000_000;
@@ -33,6 +34,8 @@ pub(crate) struct Options {
     /// The folder to record into; episodes that it has are not driven again
     #[arg(long)]
     out: PathBuf,
+    #[command(flatten)]
+    form: Form,
 }
 
 #[derive(Clone, Copy, Debug, clap::ValueEnum)]
@@ -74,12 +77,19 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
         },
     );
     drop(meter);
-    println!(
-        "{n_episodes} episodes of {n_steps} steps recorded{}; {} in all in {:?}",
-        shares(&names, &events, n_steps),
-        dataset.n_episodes(),
-        options.out
-    );
+    let n_all = dataset.n_episodes();
+    let of_each: serde_json::Map<_, _> =
+        names.iter().zip(&events).map(|(name, n)| ((*name).to_owned(), serde_json::json!(n))).collect();
+    let told = serde_json::json!({
+        "folder": options.out, "episodes": n_episodes, "steps": n_steps, "event_steps": of_each, "episodes_in_all": n_all
+    });
+    options.form.tell(&told, || {
+        format!(
+            "{n_episodes} episodes of {n_steps} steps recorded{}; {n_all} in all in {:?}",
+            shares(&names, &events, n_steps),
+            options.out
+        )
+    })?;
     Ok(recorded?)
 }
 

@@ -14,6 +14,7 @@ use super::learn::{NO_ANSWERS, NO_VERDICTS, fit_reward, fit_sparse, sparse_confi
 use super::models;
 use super::numbers::{above, count, named_weight, weight};
 use super::run_file::RunFile;
+use super::told::Form;
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct Options {
@@ -56,6 +57,8 @@ pub(crate) struct Options {
     world: Option<PathBuf>,
     #[command(flatten)]
     computing: Computing,
+    #[command(flatten)]
+    form: Form,
     #[command(flatten)]
     pub(crate) run_file: RunFile,
 }
@@ -156,12 +159,18 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
         store.record(Event::WeightsChanged { weights })?;
     }
     let started = Instant::now();
-    let fit = match learning {
+    let (fit, held_out) = match learning {
         Learning::Preferences(config) => {
             fit_reward(&mut store, &model, config, options.seed, options.held_out, options.first)?
         }
         Learning::Verdicts(config) => fit_sparse(&mut store, &model, config, options.seed)?,
     };
-    println!("{} labels, losses {:.4?}, {:.1} s", fit.n_labels, fit.losses, started.elapsed().as_secs_f64());
-    Ok(())
+    let secs = started.elapsed().as_secs_f64();
+    let told = serde_json::json!({
+        "labels": fit.n_labels, "epochs": fit.epochs, "losses": fit.losses, "held_out": held_out, "secs": secs
+    });
+    options.form.tell(&told, || {
+        let held_out = held_out.as_ref().map_or_else(String::new, ToString::to_string);
+        format!("{held_out}{} labels, losses {:.4?}, {secs:.1} s", fit.n_labels, fit.losses)
+    })
 }

@@ -4,7 +4,10 @@ use std::path::PathBuf;
 
 use dropj::session::{Origin, repair};
 
+use serde_json::json;
+
 use super::models;
+use super::told::Form;
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct Options {
@@ -16,6 +19,8 @@ pub(crate) struct Options {
     /// The world model that the session was dreamed with; only needed where its header is lost
     #[arg(long)]
     world: Option<PathBuf>,
+    #[command(flatten)]
+    form: Form,
 }
 
 pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
@@ -28,22 +33,28 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
     let origin = options.world.as_deref().map(models::world_model).transpose()?;
     let origin = origin.map(|model| Origin { world_model: model.hash(), env: model.config().env.clone() });
     let repaired = repair(dir, origin.as_ref(), options.dry_run)?;
-    for note in &repaired.notes {
-        match note.line {
-            Some(line) => println!("line {line}: {}", note.what),
-            None => println!("{}", note.what),
-        }
-    }
     let n = repaired.n_kept;
-    if options.dry_run {
-        println!("{n} events can be kept; nothing was changed: {dir:?}");
-    } else if repaired.kept_beside.is_empty() && repaired.notes.is_empty() {
-        println!("there is nothing to repair, and nothing was changed: {n} events in {dir:?}");
-    } else {
-        println!("{n} events are kept in {dir:?}");
-        for beside in repaired.kept_beside {
-            println!("what stood there before is in {beside:?}");
+    let notes = repaired.notes.iter().map(|note| json!({"line": note.line, "what": note.what.to_string()}));
+    let told = json!({
+        "session": dir, "events_kept": n, "changed": !options.dry_run && !repaired.kept_beside.is_empty(),
+        "notes": notes.collect::<Vec<_>>(), "kept_beside": repaired.kept_beside
+    });
+    options.form.tell(&told, || {
+        let mut words = String::new();
+        for note in &repaired.notes {
+            words += &note.line.map_or_else(String::new, |line| format!("line {line}: "));
+            words += &format!("{}\n", note.what);
         }
-    }
-    Ok(())
+        if options.dry_run {
+            words += &format!("{n} events can be kept; nothing was changed: {dir:?}\n");
+        } else if repaired.kept_beside.is_empty() && repaired.notes.is_empty() {
+            words += &format!("there is nothing to repair, and nothing was changed: {n} events in {dir:?}\n");
+        } else {
+            words += &format!("{n} events are kept in {dir:?}\n");
+            for beside in &repaired.kept_beside {
+                words += &format!("what stood there before is in {beside:?}\n");
+            }
+        }
+        words
+    })
 }

@@ -1,5 +1,6 @@
 //! `dropj replay`.
 
+use std::fmt::Write as _;
 use std::path::PathBuf;
 
 use dropj::query::DreamId;
@@ -7,7 +8,9 @@ use dropj::run::{Kind, OutputFile};
 use dropj::session::{CLIPS_FILE, replay};
 use dropj::text::shown;
 
+use super::meter::Meter;
 use super::models;
+use super::told::Form;
 use super::words::names;
 
 #[derive(Debug, clap::Args)]
@@ -23,6 +26,8 @@ pub(crate) struct Options {
     /// A world model other than the session's own
     #[arg(long)]
     world: Option<PathBuf>,
+    #[command(flatten)]
+    form: Form,
 }
 
 pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
@@ -34,8 +39,8 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
     }
     let replayed = replay(&options.session, &model)?;
     let statistics = replayed.session.statistics();
-    println!(
-        "{}: {} dreams, {} answers, {} skipped, {} clips decoded, {} fits",
+    let mut words = format!(
+        "{}: {} dreams, {} answers, {} skipped, {} clips decoded, {} fits\n",
         names(&replayed.session.protocols()),
         replayed.session.dreams().len(),
         statistics.n_answered,
@@ -44,14 +49,15 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
         replayed.fits.len()
     );
     if let Some(torn) = &replayed.torn {
-        println!("a half line at the end of the log was passed over: {}", shown(torn));
+        writeln!(words, "a half line at the end of the log was passed over: {}", shown(torn))?;
     }
     for dream in &replayed.lost {
-        println!("dream {}, which was deleted, cannot be read any more", dream.0 + 1);
+        writeln!(words, "dream {}, which was deleted, cannot be read any more", dream.0 + 1)?;
     }
     if options.record {
         replayed.record_clips()?;
     }
+    let (mut n_clips, mut losses_now) = (None, Vec::new());
     if options.check {
         if let Some(then) = replayed.recorded_clips()? {
             let changed = replayed.changed_clips(&then);
@@ -69,19 +75,30 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
                  {}; `dropj replay --record` writes it anew",
                 others.into_iter().map(name).collect::<Vec<_>>().join(", ")
             );
-            println!("{} clips look as recorded", then.len());
+            n_clips = Some(then.len());
+            writeln!(words, "{} clips look as recorded", then.len())?;
         } else {
-            println!("what clips look like was never recorded here: `--record` does");
+            words += "what clips look like was never recorded here: `--record` does\n";
         }
+        let mut meter = Meter::new();
         for (i, fit) in replayed.fits.iter().enumerate() {
+            meter.at("fitting again", i, replayed.fits.len(), String::new);
             let losses = replayed.refit(&model, fit)?;
             anyhow::ensure!(
                 fit.agrees(&losses),
                 "fit {i} came to the losses {:?} when it was recorded, and to {losses:?} now",
                 fit.fitted.fit.losses
             );
-            println!("fit {i}: {} labels, losses {losses:.4?}, as recorded", fit.n_labels());
+            writeln!(words, "fit {i}: {} labels, losses {losses:.4?}, as recorded", fit.n_labels())?;
+            losses_now.push(losses);
         }
     }
-    Ok(())
+    let lost: Vec<u32> = replayed.lost.iter().map(|dream| dream.0).collect();
+    let told = serde_json::json!({
+        "protocols": replayed.session.protocols(), "dreams": replayed.session.dreams().len(),
+        "answered": statistics.n_answered, "skipped": statistics.n_skipped, "clips": replayed.clips.len(),
+        "fits": replayed.fits.len(), "lost_dreams": lost, "torn": replayed.torn, "checked": options.check,
+        "clips_as_recorded": n_clips, "losses": losses_now
+    });
+    options.form.tell(&told, || words)
 }

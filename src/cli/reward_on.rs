@@ -29,7 +29,7 @@ pub(crate) struct Options {
     /// A reward other than the session's latest
     #[arg(long)]
     reward: Option<PathBuf>,
-    /// Print JSON: an object with a list for each column
+    /// Print the result as one JSON object, with a list for each column
     #[arg(long)]
     json: bool,
     /// The file to write; without it the table is printed

@@ -3,14 +3,18 @@
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
-use dropj::dream::screen::{Pair, Screen};
+use dropj::dream::screen::{Pair, Screen, Spared};
 use dropj::dream::signs::{N_SIGNS, SIGNS};
 use dropj::evaluation::{aligned, auc};
 use dropj::run::{Kind, OutputFile};
 use dropj::session::SessionStore;
 use dropj::text::{cell, distinct};
 
+use serde_json::json;
+
+use super::meter::Meter;
 use super::models;
+use super::told::Form;
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct Options {
@@ -23,6 +27,8 @@ pub(crate) struct Options {
     /// The world model of these sessions, where it is not found by itself
     #[arg(long)]
     world: Option<PathBuf>,
+    #[command(flatten)]
+    form: Form,
 }
 
 /// Shares of all pairs that could be held back.
@@ -38,36 +44,59 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
     tch::set_num_threads(1);
     let csv = options.csv.as_deref().map(|path| OutputFile::at(path, Kind::Table)).transpose()?;
     let mut sessions = Vec::new();
-    for dir in &options.sessions {
+    let mut meter = Meter::new();
+    for (i, dir) in options.sessions.iter().enumerate() {
+        meter.at("reading sessions", i, options.sessions.len(), String::new);
         sessions.push(read(dir, options.world.as_deref())?);
     }
+    drop(meter);
     if let Some(csv) = csv {
         csv.write(table(&options.sessions, &sessions).as_bytes())?;
     }
     let n = sessions.iter().map(|session| session.judged.len()).sum::<usize>();
     let is_bad = sessions.iter().flat_map(|session| &session.judged).filter(|(_, is_bad)| *is_bad);
-    println!("{n} pairs, {} of them skipped as hallucinated", is_bad.count());
-
-    println!(
-        "\nHow often a skipped pair has more of a sign than another (0.5 is chance), and what it counts:"
+    let n_bad = is_bad.count();
+    let mut words = format!(
+        "{n} pairs, {n_bad} of them skipped as hallucinated\n\n\
+         How often a skipped pair has more of a sign than another (0.5 is chance), and what it counts:\n"
     );
+    let mut signs = serde_json::Map::new();
     let mut lines = vec![["sign", "how often", "counts"].map(str::to_owned).to_vec()];
     let weights: Vec<_> = Screen::default().weights().collect();
     for (i, (name, weight)) in weights.into_iter().enumerate() {
         let scored = scored(&sessions, |session, pair| session.screen.signs(pair).map(|signs| signs[i]));
         lines.push(vec![name.to_owned(), figure(auc(&scored)), format!("{weight:+.2}")]);
+        signs.insert(name.to_owned(), json!({"auc": auc(&scored), "weight": weight}));
     }
     let shipped = |session: &Judged, pair: Pair| session.screen.anomaly(pair).map(f64::from);
-    lines.push(vec!["together".to_owned(), figure(auc(&scored(&sessions, shipped))), String::new()]);
-    print!("{}", aligned(&lines));
-    println!("\nHeld back with the weights as they are shipped:");
-    spared(&sessions);
+    let together = auc(&scored(&sessions, shipped));
+    lines.push(vec!["together".to_owned(), figure(together), String::new()]);
+    words += &aligned(&lines);
+    words += "\nHeld back with the weights as they are shipped:\n";
+    let as_shipped = spared(&sessions);
+    words += &spared_lines(&as_shipped);
 
     let taught: Vec<_> = sessions.into_iter().map(taught_by_half).collect();
-    println!("\nHeld back of the second half of each session, once taught by its first half:");
-    println!("together: {}", figure(auc(&scored(&taught, shipped))));
-    spared(&taught);
-    Ok(())
+    let then = auc(&scored(&taught, shipped));
+    let once_taught = spared(&taught);
+    write!(
+        words,
+        "\nHeld back of the second half of each session, once taught by its first half:\ntogether: {}\n{}",
+        figure(then),
+        spared_lines(&once_taught)
+    )?;
+    let figures = |auc: Option<f64>, spared: &[(f32, Spared)]| {
+        let held_back = spared.iter().map(|(share, spared)| {
+            let Spared { n_bad, n_spared, n_good, n_lost } = spared;
+            json!({"share": share, "skips": n_bad, "skips_saved": n_spared, "others": n_good, "others_lost": n_lost})
+        });
+        json!({"auc": auc, "held_back": held_back.collect::<Vec<_>>()})
+    };
+    let told = json!({
+        "pairs": n, "hallucinated": n_bad, "signs": signs, "as_shipped": figures(together, &as_shipped),
+        "once_taught": figures(then, &once_taught)
+    });
+    options.form.tell(&told, || words)
 }
 
 fn read(dir: &Path, world: Option<&Path>) -> anyhow::Result<Judged> {
@@ -101,15 +130,23 @@ impl Judged {
 }
 
 /// What holding back a share of all pairs would have saved, and cost.
-fn spared(sessions: &[Judged]) {
-    let mut lines = vec![["share %", "skips saved", "%", "others lost", "%"].map(str::to_owned).to_vec()];
-    for share in SHARES {
-        let [mut n_bad, mut n_spared, mut n_good, mut n_lost] = [0; 4];
+fn spared(sessions: &[Judged]) -> Vec<(f32, Spared)> {
+    let of_all = SHARES.iter().map(|&share| {
+        let mut all = Spared::default();
         for session in sessions {
             let spared = session.screen.spared(&session.judged, share);
-            (n_bad, n_spared) = (n_bad + spared.n_bad, n_spared + spared.n_spared);
-            (n_good, n_lost) = (n_good + spared.n_good, n_lost + spared.n_lost);
+            (all.n_bad, all.n_spared) = (all.n_bad + spared.n_bad, all.n_spared + spared.n_spared);
+            (all.n_good, all.n_lost) = (all.n_good + spared.n_good, all.n_lost + spared.n_lost);
         }
+        (share, all)
+    });
+    of_all.collect()
+}
+
+/// The same as a table.
+fn spared_lines(spared: &[(f32, Spared)]) -> String {
+    let mut lines = vec![["share %", "skips saved", "%", "others lost", "%"].map(str::to_owned).to_vec()];
+    for &(share, Spared { n_bad, n_spared, n_good, n_lost }) in spared {
         let of = |some: usize, all: usize| {
             let percent = 100.0 * some as f64 / all.max(1) as f64;
             [format!("{some} of {all}"), format!("{percent:.0}")]
@@ -117,7 +154,7 @@ fn spared(sessions: &[Judged]) {
         let share = format!("{:.0}", 100.0 * share);
         lines.push([vec![share], of(n_spared, n_bad).to_vec(), of(n_lost, n_good).to_vec()].concat());
     }
-    print!("{}", aligned(&lines));
+    aligned(&lines)
 }
 
 fn figure(auc: Option<f64>) -> String {

@@ -12,14 +12,16 @@ use dropj::reward::{RewardConfig, SparseConfig};
 use dropj::session::{DreamSource, Header, NewSession, now, relative};
 use dropj::simulate::annotator::Annotator;
 use dropj::simulate::run::{Answered, Progress, SimulateConfig, simulate};
+use serde_json::json;
 
 use super::choices::{Computing, MannerName, ProtocolName, StrategyName};
 use super::chosen_world::{ChosenWorld, chosen_world};
-use super::learn::{learn_reward, sparse_config};
+use super::learn::{Learned, learn_reward, sparse_config};
 use super::meter::Meter;
 use super::numbers::{count, name, named_weight, number, number32};
 use super::run_file::{RunFile, Settings};
 use super::script::Script;
+use super::told::Form;
 use super::words::names;
 use super::{models, sparse};
 
@@ -81,6 +83,8 @@ pub(crate) struct Options {
     knobs: Knobs,
     #[command(flatten)]
     computing: Computing,
+    #[command(flatten)]
+    form: Form,
     #[command(flatten)]
     pub(crate) run_file: RunFile,
 }
@@ -255,10 +259,13 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
         ControlFlow::Continue(())
     };
     if config.protocols.iter().any(|protocol| protocol.is_sparse()) {
-        let (said, store) = sparse::run(store, &model, &probe, &config, &learning, on_progress)?;
-        new.finish(store)?;
-        println!("{said}; {:?}", options.out);
-        return Ok(());
+        let (came, store) = sparse::run(store, &model, &probe, &config, &learning, on_progress)?;
+        drop(meter);
+        let store = new.finish(store)?;
+        let sparse::Simulated { said, mut told, curves } = came;
+        curves.write(store.dir(), store.session())?;
+        told["session"] = json!(options.out);
+        return options.form.tell(&told, || format!("{said}; {:?}", options.out));
     }
     let simulated = simulate(&model, &probe, &config, model.starts(), on_progress)
         .context("the simulation cannot go on")?
@@ -274,23 +281,31 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
         answer(&mut script, answered, &options.annotator, is_undone)?;
     }
     let dreams = (0..).map(DreamId).zip(simulated.dreams.iter().cloned()).collect();
-    let (parameters, fit) =
+    let Learned { parameters, fit, curves, .. } =
         learn_reward(script.session(), &dreams, &model, config.reward.clone(), options.seed, None, None)?;
     script.keep_reward(parameters, &fit)?;
     let store = script.finish()?;
     let store = new.finish(store)?;
-    println!(
-        "{}: {} dreams, {} queries, {} labels; {:.0} % of the clips unsafe; losses {:.4?}; {:.0} s; {:?}",
-        names(&store.session().protocols()),
-        simulated.dreams.len(),
-        simulated.answers.len(),
-        fit.n_labels,
-        100.0 * simulated.unsafe_share(),
-        fit.losses,
-        started.elapsed().as_secs_f64(),
-        options.out
-    );
-    Ok(())
+    curves.write(store.dir(), store.session())?;
+    let (protocols, secs) = (store.session().protocols(), started.elapsed().as_secs_f64());
+    let told = json!({
+        "session": options.out, "protocols": protocols, "dreams": simulated.dreams.len(), "queries": n,
+        "labels": fit.n_labels, "unsafe_share": simulated.unsafe_share(), "losses": fit.losses, "secs": secs
+    });
+    let words = || {
+        format!(
+            "{}: {} dreams, {} queries, {} labels; {:.0} % of the clips unsafe; losses {:.4?}; {:.0} s; {:?}",
+            names(&protocols),
+            simulated.dreams.len(),
+            simulated.answers.len(),
+            fit.n_labels,
+            100.0 * simulated.unsafe_share(),
+            fit.losses,
+            secs,
+            options.out
+        )
+    };
+    options.form.tell(&told, words)
 }
 
 /// Asks and answers what a person would be asked; one that `is_undone` is taken back and given again.

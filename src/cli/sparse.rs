@@ -13,13 +13,23 @@ use dropj::simulate::probe::Probe;
 use dropj::simulate::run::{Progress, SimulateConfig};
 use dropj::simulate::{AnsweredTransition, simulate_dros, simulate_request};
 use dropj::world_model::WorldModel;
+use serde_json::{Value, json};
 
-use super::learn::learn_sparse;
+use super::curves::Curves;
+use super::learn::{Learned, learn_sparse};
 use super::script::Script;
 use super::words::names;
 
 /// The paper's best model of DROS, and so many for ReQueST beside it: 45 trajectories.
 pub(crate) const N_QUERIES: usize = 2205;
+
+/// What came of it: in a sentence, for other programs, and as curves.
+#[derive(Debug)]
+pub(crate) struct Simulated {
+    pub(crate) said: String,
+    pub(crate) told: Value,
+    pub(crate) curves: Curves,
+}
 
 /// Simulates, keeps everything in the session in `store`, and fits; what came of it is one sentence.
 pub(crate) fn run(
@@ -29,7 +39,7 @@ pub(crate) fn run(
     config: &SimulateConfig,
     learning: &SparseConfig,
     on_progress: &mut dyn FnMut(Progress) -> ControlFlow<()>,
-) -> anyhow::Result<(String, SessionStore)> {
+) -> anyhow::Result<(Simulated, SessionStore)> {
     let [protocol] = config.protocols[..] else {
         anyhow::bail!("transitions are labeled in a session of their own: name one protocol");
     };
@@ -57,12 +67,14 @@ pub(crate) fn run(
         script.answer(query, response, &annotator)?;
     }
     let dreams = (0..).map(DreamId).zip(simulated.dreams.iter().cloned()).collect();
-    let (parameters, fit) = learn_sparse(script.session(), &dreams, model, learning.clone(), config.seed)?;
+    let Learned { parameters, fit, curves, held_out } =
+        learn_sparse(script.session(), &dreams, model, learning.clone(), config.seed)?;
     script.keep_reward(parameters, &fit)?;
     let [n_unsafe, n_neutral, n_good] = Verdict::ALL.map(|verdict| simulated.n(verdict));
     let said = format!(
-        "{}: {} dreams, {} queries, {} verdicts: {n_unsafe} unsafe, {n_neutral} neutral, {n_good} good; losses {:.4?}; \
+        "{}{}: {} dreams, {} queries, {} verdicts: {n_unsafe} unsafe, {n_neutral} neutral, {n_good} good; losses {:.4?}; \
          {secs:.0} s to make and label, {:.0} s in all",
+        held_out.as_ref().map_or_else(String::new, ToString::to_string),
         names(&script.session().protocols()),
         simulated.dreams.len(),
         simulated.answers.len(),
@@ -70,5 +82,10 @@ pub(crate) fn run(
         fit.losses,
         started.elapsed().as_secs_f64()
     );
-    Ok((said, script.finish()?))
+    let told = json!({
+        "protocols": script.session().protocols(), "dreams": simulated.dreams.len(), "queries": simulated.answers.len(),
+        "labels": fit.n_labels, "unsafe": n_unsafe, "neutral": n_neutral, "good": n_good, "losses": fit.losses,
+        "held_out": held_out, "secs": started.elapsed().as_secs_f64()
+    });
+    Ok((Simulated { said, told, curves }, script.finish()?))
 }

@@ -16,7 +16,7 @@ pub(crate) struct Options {
     /// Sessions, and answer files as the authors released them (responses_*.pkl)
     #[arg(num_args = 1.., required = true)]
     sources: Vec<PathBuf>,
-    /// Print JSON: an object for each source and protocol
+    /// Print the result as JSON: an object a line, a source and protocol each
     #[arg(long)]
     json: bool,
 }

@@ -5,11 +5,12 @@ use std::path::PathBuf;
 use anyhow::Context as _;
 use dropj::run::{Kind, OutputFile};
 use dropj::world::NAMES;
-use dropj::world::cars::trace::{Row, Traced, trace};
+use dropj::world::cars::trace::{COLUMNS, Row, Traced, trace};
 use dropj::world::cars::{Aids, CarRacing, ObstacleCarRacing, Obstacles, Seed};
 
 use super::choices::Switch;
 use super::picture::png;
+use super::told::Form;
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct Options {
@@ -31,6 +32,8 @@ pub(crate) struct Options {
     /// A folder for the pictures, one PNG a step
     #[arg(long)]
     frames: Option<PathBuf>,
+    #[command(flatten)]
+    form: Form,
 }
 
 pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
@@ -59,9 +62,10 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
             failed.get_or_insert(error);
         }
     });
-    for row in &rows {
-        println!("{}", Row::to_csv(row));
-    }
+    let values: Vec<_> = rows.iter().map(Row::values).collect();
+    options.form.tell(&serde_json::json!({"columns": COLUMNS, "rows": values}), || {
+        rows.iter().map(|row| row.to_csv() + "\n").collect()
+    })?;
     failed.map_or(Ok(()), Err)
 }
 

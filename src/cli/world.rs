@@ -14,9 +14,12 @@ use dropj::world::{
 };
 use rand::{RngExt as _, SeedableRng as _};
 use rand_chacha::ChaCha8Rng;
+use serde_json::json;
 
 use super::first_world::{Inputs, MOST_TRAINED, file_name, readable};
+use super::meter::Meter;
 use super::numbers::count;
+use super::told::Form;
 use super::world_data;
 
 /// The Python package, each file by its path.
@@ -66,6 +69,8 @@ struct Check {
     /// Say whether this LeRobotDataset, which others made, fits the world
     #[arg(long, value_name = "DIR", conflicts_with = "run")]
     data: Option<PathBuf>,
+    #[command(flatten)]
+    form: Form,
 }
 
 #[derive(Debug, clap::Args)]
@@ -113,18 +118,65 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
 
 fn check(options: &Check) -> anyhow::Result<()> {
     let (spec, folder) = read(&options.file)?;
-    print!("{}", summary(&spec));
+    let mut telling = Telling::new(options.form, &spec);
     if let Some(dir) = &options.data {
-        return world_data::check_fit(&spec, dir);
+        return world_data::check_fit(&spec, dir, telling);
     }
-    let Some(n) = options.run else { return Ok(()) };
+    let Some(n) = options.run else { return telling.tell() };
     anyhow::ensure!(
         spec.source.kind == SourceKind::Process,
         "only a world that is a process can be started so, and source.kind is {:?}: {:?}",
         spec.source.kind.name(),
         options.file
     );
-    drive(spec, &folder, n, options.seed).map_err(told)
+    drive(spec, &folder, n, options.seed, &mut telling).map_err(told)?;
+    telling.tell()
+}
+
+/// What a check says: words as they come, or all of it at the end as one object.
+#[derive(Debug)]
+pub(super) struct Telling {
+    form: Form,
+    object: serde_json::Value,
+}
+
+impl Telling {
+    /// Begins with what the world's file says.
+    fn new(form: Form, spec: &WorldSpec) -> Self {
+        let axes = spec.axes.iter().map(
+            |axis| json!({"name": axis.name, "low": axis.low, "high": axis.high, "neutral": axis.neutral}),
+        );
+        let events = spec.events.iter().map(|event| {
+            json!({"name": event.name, "kind": event.kind.name(), "count": event.count.name(), "field": event.field})
+        });
+        let (image, trained) = (&spec.image, spec.image.trained());
+        let world = json!({
+            "name": spec.name, "title": spec.title, "source": spec.source.kind.name(), "rate": spec.rate,
+            "longest_episode": spec.longest_episode, "size": [image.height, image.width],
+            "trained_size": [trained.height, trained.width], "axes": axes.collect::<Vec<_>>(),
+            "events": events.collect::<Vec<_>>(), "horizon": spec.planner.horizon
+        });
+        let telling = Self { form, object: json!({"world": world}) };
+        telling.say(summary(spec).trim_end());
+        telling
+    }
+
+    /// Says a line, where words are wanted.
+    pub(super) fn say(&self, line: &str) {
+        if !self.form.json {
+            println!("{line}");
+        }
+    }
+
+    /// Notes a value, where an object is wanted.
+    pub(super) fn note(&mut self, name: &str, value: impl Into<serde_json::Value>) {
+        self.object[name] = value.into();
+    }
+
+    /// Says the object, where it is wanted.
+    pub(super) fn tell(self) -> anyhow::Result<()> {
+        if self.form.json { self.form.tell(&self.object, String::new) } else { Ok(()) }
+    }
 }
 
 /// The world's file at `path`, or the built-in one of that name, and the folder that it is in.
@@ -190,20 +242,29 @@ fn summary(spec: &WorldSpec) -> String {
 }
 
 /// Takes `n` random steps, each axis anywhere in its range, and says what came.
-fn drive(spec: WorldSpec, folder: &Path, n: usize, seed: u64) -> Result<(), WorldError> {
+fn drive(
+    spec: WorldSpec,
+    folder: &Path,
+    n: usize,
+    seed: u64,
+    telling: &mut Telling,
+) -> Result<(), WorldError> {
     let began = Instant::now();
     let mut world = ProcessWorld::start(spec.clone(), folder)?;
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let mut episode_seed = seed;
     let (_, first) = world.reset_told(episode_seed)?;
-    println!("started and reset in {:.2} s", began.elapsed().as_secs_f64());
+    telling.say(&format!("started and reset in {:.2} s", began.elapsed().as_secs_f64()));
+    telling.note("start_secs", began.elapsed().as_secs_f64());
 
     let began = Instant::now();
     let mut told: Vec<bool> =
         spec.fields().iter().map(|name| field_value(&first.fields, name).is_some()).collect();
     let mut counts = vec![[0_usize; 2]; spec.events.len()];
     let (mut n_ends, mut rewards) = ([0_usize; 2], Vec::new());
+    let mut meter = Meter::new();
     for taken in 1..=n {
+        meter.at("random steps", taken, n, String::new);
         let action: Vec<f32> = spec.axes.iter().map(|axis| rng.random_range(axis.low..=axis.high)).collect();
         let (step, reply) = world.step_told(&action)?;
         for (told, name) in told.iter_mut().zip(spec.fields()) {
@@ -222,15 +283,26 @@ fn drive(spec: WorldSpec, folder: &Path, n: usize, seed: u64) -> Result<(), Worl
         }
     }
     let seconds = began.elapsed().as_secs_f64();
-    println!("{n} random steps in {seconds:.2} s: {:.0} a second", n as f64 / seconds.max(1e-9));
-    println!("  episodes: {} terminated, {} truncated", n_ends[0], n_ends[1]);
+    drop(meter);
+    telling.say(&format!("{n} random steps in {seconds:.2} s: {:.0} a second", n as f64 / seconds.max(1e-9)));
+    telling.say(&format!("  episodes: {} terminated, {} truncated", n_ends[0], n_ends[1]));
+    let sum: f32 = rewards.iter().sum();
+    telling.note("steps", n);
+    telling.note("secs", seconds);
+    telling.note("terminated", n_ends[0]);
+    telling.note("truncated", n_ends[1]);
     match rewards.iter().copied().reduce(f32::min).zip(rewards.iter().copied().reduce(f32::max)) {
-        Some((least, most)) => println!("  rewards: {least} to {most}, sum {}", rewards.iter().sum::<f32>()),
-        None => println!("  rewards: none"),
+        Some((least, most)) => {
+            telling.say(&format!("  rewards: {least} to {most}, sum {sum}"));
+            telling.note("rewards", json!({"least": least, "most": most, "sum": sum}));
+        }
+        None => telling.say("  rewards: none"),
     }
+    let counted = spec.events.iter().zip(&counts).map(|(event, n)| (event.name.clone(), n[0].into()));
+    telling.note("events", counted.collect::<serde_json::Map<_, _>>());
     for (event, [happened, passed]) in spec.events.iter().zip(counts) {
         let of = if event.count == Count::OfPassed { format!(" of {passed} passed") } else { String::new() };
-        println!("  {}: {happened}{of}", event.name);
+        telling.say(&format!("  {}: {happened}{of}", event.name));
     }
     for (name, _) in spec.fields().iter().zip(told).filter(|(_, told)| !told) {
         eprintln!("the process never told the field {name:?}, from which an event is read");

@@ -11,6 +11,8 @@ use dropj::world::{
 };
 
 use super::first_world::{Inputs, MOST_TRAINED, file_name, readable};
+use super::meter::Meter;
+use super::world::Telling;
 
 /// Steps of an episode at the least that a first file gives a world: five clips of a dream.
 const LEAST_EPISODE: usize = 5 * dropj::query::SEGMENT_LEN;
@@ -223,19 +225,21 @@ fn hints(dataset: &LeRobotDataset, sampled: &[usize]) -> anyhow::Result<String> 
 }
 
 /// Says whether the dataset at `dir` fits the world, and fails where it does not.
-pub(super) fn check_fit(spec: &WorldSpec, dir: &Path) -> anyhow::Result<()> {
+pub(super) fn check_fit(spec: &WorldSpec, dir: &Path, mut telling: Telling) -> anyhow::Result<()> {
     let dataset = LeRobotDataset::open(dir)?;
     let view = View { cameras: spec.source.cameras.clone(), action: spec.source.action.clone() };
     let n = dataset.n_episodes();
     let lens: Vec<usize> = (0..n).map(|idx| dataset.len(idx)).collect();
-    println!(
-        "{n} episodes of {} rows in all, {} a second: {dir:?}",
-        lens.iter().sum::<usize>(),
-        dataset.fps()
-    );
+    let n_rows: usize = lens.iter().sum();
+    telling.say(&format!("{n} episodes of {n_rows} rows in all, {} a second: {dir:?}", dataset.fps()));
+    telling.note("episodes", n);
+    telling.note("rows", n_rows);
+    telling.note("rate", dataset.fps());
     let [height, width] = dataset.frame_size(&view)?;
     let cameras: Vec<_> = dataset.cameras_of(&view)?.into_iter().map(|camera| shown(&camera.name)).collect();
-    println!("  pictures of {height} x {width}: {}", cameras.join(", "));
+    telling.say(&format!("  pictures of {height} x {width}: {}", cameras.join(", ")));
+    telling.note("size", vec![height, width]);
+    telling.note("cameras", cameras);
     let mut faults = Vec::new();
     if [height, width] != [spec.image.height, spec.image.width] {
         faults.push(format!(
@@ -253,13 +257,11 @@ pub(super) fn check_fit(spec: &WorldSpec, dir: &Path) -> anyhow::Result<()> {
         ));
     }
     let action = dataset.action(view.action.as_deref())?;
-    println!(
-        "  action {}: {}",
-        shown(&action.name),
-        action.components.iter().map(|name| shown(name)).collect::<Vec<_>>().join(", ")
-    );
+    let components: Vec<_> = action.components.iter().map(|name| shown(name)).collect();
+    telling.say(&format!("  action {}: {}", shown(&action.name), components.join(", ")));
+    telling.note("action", components);
     if action.components.len() == spec.axes.len() {
-        check_values(spec, &dataset, action)?;
+        check_values(spec, &dataset, action, &mut telling)?;
     } else {
         faults.push(format!(
             "{:?} has {} numbers, and the world {} axes",
@@ -272,19 +274,27 @@ pub(super) fn check_fit(spec: &WorldSpec, dir: &Path) -> anyhow::Result<()> {
     for field in spec.fields().iter().filter(|field| !first.scalars.contains_key(*field)) {
         faults.push(format!("it has no column {:?}, from which an event is read", shown(field)));
     }
-    println!("  the first episode's {} pictures were read", first.frames.len());
+    telling.say(&format!("  the first episode's {} pictures were read", first.frames.len()));
+    let mut of_first = serde_json::Map::new();
     for (event, happened) in spec.events.iter().zip(counts(spec, &first)) {
-        println!("  {} in the first episode: {happened}", shown(&event.name));
+        telling.say(&format!("  {} in the first episode: {happened}", shown(&event.name)));
+        of_first.insert(event.name.clone(), happened.into());
     }
     for fault in &faults {
-        println!("  does not fit: {fault}");
+        telling.say(&format!("  does not fit: {fault}"));
     }
+    if faults.is_empty() {
+        telling.say("  it fits");
+    }
+    telling.note("events_of_the_first_episode", of_first);
+    telling.note("fits", faults.is_empty());
+    telling.note("faults", faults.clone());
+    telling.tell()?;
     anyhow::ensure!(
         faults.is_empty(),
         "the dataset does not fit this world ({}): {dir:?}",
         faults.join("; ")
     );
-    println!("  it fits");
     Ok(())
 }
 
@@ -300,10 +310,17 @@ fn counts(spec: &WorldSpec, episode: &dropj::dataset::lerobot::RawEpisode) -> Ve
 }
 
 /// Says which values are out of their axis's range.
-fn check_values(spec: &WorldSpec, dataset: &LeRobotDataset, action: &Feature) -> anyhow::Result<()> {
+fn check_values(
+    spec: &WorldSpec,
+    dataset: &LeRobotDataset,
+    action: &Feature,
+    telling: &mut Telling,
+) -> anyhow::Result<()> {
     let mut out = vec![(0_usize, f32::INFINITY, f32::NEG_INFINITY); spec.axes.len()];
     let mut n_rows = 0;
+    let mut meter = Meter::new();
     for idx in 0..dataset.n_episodes() {
+        meter.at("reading episodes", idx, dataset.n_episodes(), String::new);
         for row in dataset.rows_of(idx, &action.name)? {
             n_rows += 1;
             for ((axis, value), (n, least, most)) in spec.axes.iter().zip(row).zip(&mut out) {
@@ -312,10 +329,15 @@ fn check_values(spec: &WorldSpec, dataset: &LeRobotDataset, action: &Feature) ->
             }
         }
     }
+    drop(meter);
+    let mut ranges = Vec::new();
     for (axis, (n, least, most)) in spec.axes.iter().zip(out) {
         let range = format!("{least} to {most}");
-        println!("  axis {}: {range}, {n} of {n_rows} values out of its range", shown(&axis.name));
+        telling
+            .say(&format!("  axis {}: {range}, {n} of {n_rows} values out of its range", shown(&axis.name)));
+        ranges.push(serde_json::json!({"axis": axis.name, "least": least, "most": most, "out_of_range": n}));
     }
+    telling.note("axes", ranges);
     Ok(())
 }
 

@@ -13,7 +13,7 @@ use super::hex::to_hex;
 use super::journal::{self, Recording, Take};
 use super::notes::Notes;
 use super::sealed::{self, Place};
-use super::{DatasetError, Episode, EpisodeInfo, Layout, Unfinished, disk, meta, ownership};
+use super::{DatasetError, Episode, EpisodeInfo, Layout, Unfinished, card, disk, meta, ownership};
 use crate::world::{End, Frame, Size};
 
 /// A folder of episodes in one world.
@@ -72,6 +72,7 @@ impl Dataset {
         for folder in ["data", "meta", "journal"] {
             disk::remove_partials(&dir.join(folder))?;
         }
+        crate::run::remove_partials(dir);
         dataset.forget_twins()?;
         dataset.put_in_order()?;
         for path in meta::strays(dir)? {
@@ -224,6 +225,28 @@ impl Dataset {
     /// A damaged one is an error that the caller may report and pass over.
     pub fn episodes(&self) -> impl Iterator<Item = Result<Episode, DatasetError>> + '_ {
         (0..self.n_episodes()).map(|idx| self.episode(idx))
+    }
+
+    /// Writes the episodes anew below `dir`, with all that the Hugging Face Hub and `LeRobot` look for, whatever version
+    /// recorded them, and with nothing else: no journal, and nothing that was deleted or is damaged.
+    ///
+    /// A card that somebody changed goes along as it is. `told` hears how many are done, of how many.
+    ///
+    /// # Errors
+    /// Where others recorded it, an episode cannot be read, or nothing can be written there.
+    pub fn write_for_hub(&self, dir: &Path, mut told: impl FnMut(usize, usize)) -> Result<(), DatasetError> {
+        if self.foreign.is_some() {
+            let reason = "it was recorded by others, and can go to the Hub as it is".to_owned();
+            return Err(DatasetError::Foreign { reason, path: self.dir.clone() });
+        }
+        let mut written = Vec::new();
+        for (number, notes) in self.episodes.iter().enumerate() {
+            told(number, self.episodes.len());
+            let place = Place { number, first_index: notes.first_index };
+            written.push(sealed::move_to(dir, notes, place)?);
+        }
+        card::take_along(&self.dir, dir)?;
+        meta::write(dir, &written)
     }
 
     /// Begins to record an episode whose steps have the default layout.

@@ -9,9 +9,9 @@ use serde_json::{Map, Value, json};
 
 use super::layout::column;
 use super::notes::{ACTION, DONE, IMAGE, Notes, REWARD, STATE, TERMINATED, TRUNCATED};
-use super::stats::Stats;
+use super::stats::{QUANTILES, Stats};
 use super::table::{Column, to_parquet};
-use super::{DatasetError, disk};
+use super::{DatasetError, card, disk};
 
 /// Writes what is missing or says something else than the episodes do.
 pub(super) fn write(dir: &Path, episodes: &[Notes]) -> std::result::Result<(), DatasetError> {
@@ -28,7 +28,7 @@ pub(super) fn write(dir: &Path, episodes: &[Notes]) -> std::result::Result<(), D
         let json = serde_json::to_vec_pretty(&value).expect("text and numbers");
         disk::replace_if_other(&meta.join(name), &json)?;
     }
-    Ok(())
+    card::write(dir, episodes)
 }
 
 /// The files that [`write()`] writes, in the folder `meta`.
@@ -46,7 +46,7 @@ pub(super) fn remove(dir: &Path) -> std::result::Result<(), DatasetError> {
         // Where somebody put something of their own, the folder stays.
         fs::remove_dir(meta.join(folder)).ok();
     }
-    Ok(())
+    card::remove(dir)
 }
 
 /// Files that others would take for parts of the index, and we did not write.
@@ -131,13 +131,14 @@ fn stats(episodes: &[Notes]) -> Value {
             IMAGE => values.iter().map(|value| json!([[value]])).collect(),
             _ => json!(values),
         };
-        let Stats { min, max, mean, std, count } = &stats;
-        features.insert(
-            name.into(),
-            json!({
-                "min": shaped(min), "max": shaped(max), "mean": shaped(mean), "std": shaped(std), "count": [count]
-            }),
-        );
+        let Stats { min, max, mean, std, count, quantiles } = &stats;
+        let mut told = json!({
+            "min": shaped(min), "max": shaped(max), "mean": shaped(mean), "std": shaped(std), "count": [count]
+        });
+        for ((quantile, _), values) in QUANTILES.iter().zip(quantiles) {
+            told[*quantile] = shaped(values);
+        }
+        features.insert(name.into(), told);
     }
     features.into()
 }
@@ -184,15 +185,21 @@ fn episode_table(episodes: &[Notes]) -> Result<Vec<u8>> {
     let Some(first) = episodes.first() else { return to_parquet(columns, Vec::new()) };
     for name in first.stats.keys() {
         let depth = if name == IMAGE { 3 } else { 1 };
-        let mut add = |part: &str, depth, values: fn(&Stats) -> Vec<f64>| {
+        let mut add = |part: &str, depth, values: &dyn Fn(&Stats) -> Vec<f64>| {
             let rows = episodes.iter().map(|notes| values(&notes.stats[name])).collect();
             columns.push((format!("stats/{name}/{part}"), Column::DoubleLists(depth, rows)));
         };
-        add("min", depth, |stats| stats.min.clone());
-        add("max", depth, |stats| stats.max.clone());
-        add("mean", depth, |stats| stats.mean.clone());
-        add("std", depth, |stats| stats.std.clone());
-        add("count", 1, |stats| vec![stats.count as f64]);
+        add("min", depth, &|stats| stats.min.clone());
+        add("max", depth, &|stats| stats.max.clone());
+        add("mean", depth, &|stats| stats.mean.clone());
+        add("std", depth, &|stats| stats.std.clone());
+        add("count", 1, &|stats| vec![stats.count as f64]);
+        // A table has no holes: with an episode of an older version, none has them.
+        if episodes.iter().all(|notes| !notes.stats[name].quantiles.is_empty()) {
+            for (i, (quantile, _)) in QUANTILES.iter().enumerate() {
+                add(quantile, depth, &|stats| stats.quantiles[i].clone());
+            }
+        }
     }
     to_parquet(columns, Vec::new())
 }

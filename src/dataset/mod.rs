@@ -4,6 +4,8 @@
 //!
 //! ```text
 //! data/chunk-000/file-000.parquet   one sealed file per episode: chunk = number / 1000, file = number % 1000
+//! README.md                         a card for the Hugging Face Hub, until somebody changes it
+//! .gitignore                        the folders below, which no upload takes along
 //! meta/                             info.json, stats.json, tasks.parquet, episodes/chunk-000/file-000.parquet
 //! journal/                          episodes that are being driven, or were when the program was killed
 //! deleted/                          the episode that was deleted last, which can be brought back
@@ -22,6 +24,7 @@
 //! The files of `data` say all there is to say. `meta` is derived from them and made to agree whenever the dataset is opened
 //! for recording. A folder that is neither ours nor empty is not written to.
 
+mod card;
 mod damage;
 mod disk;
 mod error;

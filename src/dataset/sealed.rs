@@ -17,7 +17,7 @@ use super::layout::column;
 use super::notes::{ACTION, Columns, DONE, FORMAT, IMAGE, Notes, REWARD, STATE, TERMINATED, TRUNCATED};
 use super::stats::Stats;
 use super::table::{Column, Footer, Table, to_parquet};
-use super::{DatasetError, Episode, Layout, disk, legacy, limits, png};
+use super::{DatasetError, Episode, Layout, card, disk, legacy, limits, png};
 use crate::world::{Action, Frame, Size};
 
 /// The key of the notes in the footer.
@@ -164,7 +164,10 @@ fn write_as(
     limits::check_notes(&notes, take.rows.len() as i64).map_err(|met| damaged(met.into()))?;
     let images = take.rows.iter().map(|row| ByteArray::from(row.png.clone())).collect();
     cells.insert(0, (IMAGE.into(), Column::Images(images)));
-    let mut footer = vec![(NOTES.into(), serde_json::to_string(&notes).expect("text and finite numbers"))];
+    let mut footer = vec![
+        (NOTES.into(), serde_json::to_string(&notes).expect("text and finite numbers")),
+        (card::FEATURES.into(), card::features(columns).to_string()),
+    ];
     if let Some(end) = &take.end {
         footer.push((LAST_FRAME.into(), to_hex(&end.png)));
     }

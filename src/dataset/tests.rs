@@ -1023,3 +1023,5 @@ fn no_bytes_make_the_readers_panic() {
     }
     assert_eq!(read_episode(episode).unwrap(), expected(0, 10, 3));
 }
+
+mod hub;

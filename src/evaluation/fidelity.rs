@@ -70,9 +70,22 @@ pub fn fidelity(
     n: usize,
     seed: u64,
 ) -> Result<(Fidelity, Vec<Stretch>), FidelityError> {
+    fidelity_told(model, dataset, held_out, n, seed, &mut |_, _| ())
+}
+
+/// The same; `told` hears how many stretches are done, of how many.
+pub fn fidelity_told(
+    model: &WorldModel,
+    dataset: &Dataset,
+    held_out: &[usize],
+    n: usize,
+    seed: u64,
+    told: &mut dyn FnMut(usize, usize),
+) -> Result<(Fidelity, Vec<Stretch>), FidelityError> {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let mut stretches = Vec::new();
-    for &episode in held_out.iter().cycle().take(n) {
+    for (done, &episode) in held_out.iter().cycle().take(n).enumerate() {
+        told(done, n);
         let episode = dataset.episode(episode)?;
         let last = episode.frames.len().min(episode.actions.len()).saturating_sub(HORIZON + 1);
         if last <= WARM_UP {

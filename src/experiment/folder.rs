@@ -11,6 +11,7 @@
 //! gradients.csv, …     what else was measured
 //! summary.md           what they come to, in words
 //! figures/*.svg        drawn; the same as *.png
+//! curves/SERIES/       the same over the axis, for `TensorBoard`
 //! ```
 
 use std::io::ErrorKind;
@@ -20,6 +21,7 @@ use serde::Serialize;
 use serde::de::DeserializeOwned;
 
 use super::charts::{Figure, FigureError};
+use super::curves;
 use super::description::{Description, DescriptionError};
 use super::figures::figures;
 use super::gradients::{self, GradientRow};
@@ -261,6 +263,7 @@ impl Folder {
             self.write(&format!("figures/{name}.svg"), svg.as_bytes())?;
             self.write(&format!("figures/{name}.png"), &png)?;
         }
+        curves::write(&self.dir.join("curves"), &self.description, &rows)?;
         Ok(words)
     }
 
@@ -345,6 +348,13 @@ mod tests {
         {
             assert!(dir.path().join(file).is_file(), "{file}");
         }
+        let curves = dir.path().join("curves");
+        let of_each: Vec<_> = std::fs::read_dir(&curves).unwrap().map(|it| it.unwrap().path()).collect();
+        assert!(!of_each.is_empty() && of_each.iter().all(|it| it.join(crate::run::curves::NAME).is_file()));
+        let size = |path: &PathBuf| std::fs::metadata(path.join(crate::run::curves::NAME)).unwrap().len();
+        let once: Vec<u64> = of_each.iter().map(size).collect();
+        folder.collect().unwrap();
+        assert_eq!(of_each.iter().map(size).collect::<Vec<_>>(), once, "collected again, not twice as much");
         // Damage is said, with its place.
         write_whole(&dir.path().join("trials/0000.jsonl"), b"{\"trial\": ").unwrap();
         assert!(folder.collect().unwrap_err().to_string().contains("0000.jsonl"));

@@ -9,6 +9,7 @@
 //! nothing of each other: any number of processes works on a folder, on this machine or on a cluster.
 
 pub mod charts;
+mod curves;
 pub mod description;
 pub mod figures;
 pub mod folder;

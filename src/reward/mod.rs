@@ -336,7 +336,7 @@ fn require_model(inputs: &RewardInputs, wanted: &ModelIdentity) -> Result<(), Re
 
 impl RewardEnsemble {
     /// The key of its header, and what the names of its parameters begin with.
-    const KEY: &str = "reward";
+    pub const KEY: &str = "reward";
 
     /// A fresh ensemble that reads `inputs`.
     ///

@@ -125,7 +125,7 @@ pub struct SparseReward {
 
 impl SparseReward {
     /// The key of its header, and what the names of its parameters begin with.
-    pub(super) const KEY: &str = "sparse_reward";
+    pub const KEY: &str = "sparse_reward";
 
     /// A fresh ensemble that reads `inputs`.
     pub fn new(inputs: impl Into<RewardInputs>, config: SparseConfig, rng: &mut impl Rng) -> Self {

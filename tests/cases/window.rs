@@ -16,7 +16,7 @@ fn opened_on(display: &str, dir: &Path) -> String {
         .env("XDG_DATA_HOME", dir)
         .output()
         .unwrap();
-    assert_eq!(output.status.code(), Some(2), "{output:?}");
+    assert_eq!(output.status.code(), Some(1), "{output:?}");
     String::from_utf8_lossy(&output.stderr).into_owned()
 }
 
