@@ -82,6 +82,16 @@ fn drop_dreams(store: &mut SessionStore, unwanted: impl Fn(&str) -> bool) -> Res
 /// A session in `out` with the dreams of the one in `dir` and all queries that were answered there, but no answer: for
 /// `annotator`, who is to answer the same.
 pub fn hand_on(dir: &Path, out: &Path, annotator: &str) -> Result<SessionStore, SessionError> {
+    hand_on_some(dir, out, annotator, usize::MAX)
+}
+
+/// The same with `most` of the queries at the most, from the whole of the session.
+pub(super) fn hand_on_some(
+    dir: &Path,
+    out: &Path,
+    annotator: &str,
+    most: usize,
+) -> Result<SessionStore, SessionError> {
     let reading = store::read(dir, None)?;
     let mut header = heir(&reading.header, dir, out);
     header.protocol = reading.session.protocol();
@@ -100,9 +110,11 @@ pub fn hand_on(dir: &Path, out: &Path, annotator: &str) -> Result<SessionStore, 
         }
         let asked = reading.session.queries().iter().filter(|asked| reading.session.is_in_use(asked));
         let asked = asked.filter(|asked| asked.repeats().is_none() && asked.answer().is_some());
+        let asked: Vec<_> = asked.collect();
+        let every = asked.len().div_ceil(most.max(1)).max(1);
         // What several have answered, in a session that was put together, is asked once.
         let mut shown = BTreeSet::new();
-        for asked in asked {
+        for asked in asked.into_iter().step_by(every) {
             let at = |segment: SegmentRef| SegmentRef { dream: dreams[&segment.dream], ..segment };
             let (left, right, choice) = (at(asked.query.left), at(asked.query.right), asked.choice);
             let [a, b] = [left, right].map(|segment| (segment.dream, segment.start));

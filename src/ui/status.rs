@@ -114,6 +114,12 @@ fn jobs(state: &View<'_>) -> Vec<String> {
         jobs.push("reward: learning by other weights".to_owned());
     }
     jobs.extend(state.job.map(str::to_owned));
+    if state.guide.is_preparing {
+        jobs.push("preparing twenty questions".to_owned());
+    }
+    if state.clips.n_writing > 0 {
+        jobs.push("writing a clip".to_owned());
+    }
     if let Some(ordered) = &state.label.synthesis.ordered {
         jobs.push(format!("trajectory: {:.0} %", 100.0 * ordered.share));
     }
