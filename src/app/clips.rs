@@ -194,4 +194,45 @@ mod tests {
         replay.push(3, 8, MOST_BYTES);
         assert_eq!(replay.seen(50.0).0, [8], "there is no room for more");
     }
+
+    /// An application without a world model, whose sessions are to be in `sessions`.
+    fn app() -> App {
+        App::new(crate::app::Startup {
+            spec: Arc::default(),
+            spec_file: None,
+            sessions: "sessions".into(),
+            dataset: "recordings".into(),
+            world: crate::app::FirstWorld::Here(Err("there is none".to_owned())),
+            session: None,
+            seed: 1,
+        })
+    }
+
+    /// What is written where, once a place was chosen.
+    fn written(app: &mut App, chosen: Result<Vec<PathBuf>, String>) -> Option<PathBuf> {
+        use crate::app::{Command, WindowCommand};
+        use crate::worker::WorkerCommand;
+        let mut ask = |command| app.command(Command::Window(command), crate::app::Moment::default());
+        ask(WindowCommand::SaveClip);
+        ask(WindowCommand::Chosen(Purpose::Clip, chosen));
+        app.take_effects().into_iter().find_map(|effect| match effect {
+            Effect::Worker(WorkerCommand::Jobs(JobCommand::WriteClip { path, .. })) => Some(path),
+            _ => None,
+        })
+    }
+
+    #[test]
+    fn a_clip_is_written_where_somebody_says_or_beside_the_sessions_where_nobody_can_be_asked() {
+        let mut app = app();
+        app.show(Panel::Record);
+        assert_eq!(written(&mut app, Ok(vec!["mine.gif".into()])), None, "there is nothing to see yet");
+        let one = |shade: u8| Frame::square(2, vec![shade; 12]);
+        for step in 0..9 {
+            app.state.clips.beside.push(step, [one(1), one(2)], 24);
+        }
+        assert_eq!(written(&mut app, Ok(vec!["mine.gif".into()])), Some("mine.gif".into()));
+        assert_eq!(written(&mut app, Ok(Vec::new())), None, "the dialog was closed");
+        let no_dialog = Err("no dialog".to_owned());
+        assert_eq!(written(&mut app, no_dialog), Some("sessions/dream-beside-real.gif".into()));
+    }
 }

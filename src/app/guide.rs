@@ -5,7 +5,7 @@ use std::path::PathBuf;
 
 use serde::{Deserialize, Serialize};
 
-use crate::app::{App, DreamCommand, Effect, Panel, Purpose, State};
+use crate::app::{App, Budget, DreamCommand, Effect, Panel, Purpose, State};
 use crate::query::Protocol;
 use crate::session::N_PRACTICED;
 use crate::worker::trainer::MIN_LABELS;
@@ -141,6 +141,12 @@ impl State {
             return None;
         }
         Hint::ALL.into_iter().find(|hint| !guide.seen.contains(hint) && hint.is_due(self))
+    }
+
+    /// How much is to be labeled: as long as somebody is being taught, a beginning.
+    pub(crate) fn budget(&self) -> Budget {
+        let is_beginning = self.guide.is_teaching && !self.guide.seen.contains(&Hint::GoOn);
+        if is_beginning { Budget::Queries(N_PRACTICED as u32) } else { self.label.budget }
     }
 
     /// Whether an example is shipped that can be asked about.

@@ -41,7 +41,7 @@ pub(crate) struct Options {
     #[arg(long, value_name = "SEED")]
     beside: Option<u64>,
     /// After how many steps the dream beside looks at the real world and begins anew; 0 is never
-    #[arg(long, value_parser = count(0..=1_000_000), default_value_t = 100, conflicts_with_all = ["query", "dream", "deploy"])]
+    #[arg(long, value_parser = count(0..=1_000_000), default_value_t = 50, conflicts_with_all = ["query", "dream", "deploy"])]
     look_every: usize,
     /// The first step that is shown of a dream or an episode
     #[arg(long, value_parser = count(0..=10_000_000), default_value_t = 0, conflicts_with = "query")]

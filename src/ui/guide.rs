@@ -1,6 +1,6 @@
 //! How to begin: three cards at a first start, and hints above the status bar.
 
-use eframe::egui::{Align, Key, Label, Layout, Rect, Role, Sense, Ui, Vec2, WidgetInfo, pos2, vec2};
+use eframe::egui::{Align, Key, Label, Layout, Rect, Role, Sense, Ui, UiBuilder, Vec2, WidgetInfo, pos2, vec2};
 
 use crate::app::{Command, Field, GuideCommand, Hint, Panel, Picture, WindowCommand};
 use crate::session::N_PRACTICED;
@@ -119,7 +119,10 @@ fn card_ui(ui: &mut Ui, state: &View<'_>, offer: &Offer<'_>, height: f32, comman
         pictures_ui(ui, state, &offer.pictures, height);
         ui.add_space(4.0);
         ui.label(eframe::egui::RichText::new(offer.title).size(17.0).color(Tokens::of(ui).text));
-        ui.add(Label::new(tokens::muted(ui, offer.about.as_str())).wrap());
+        // Columns would set it flush on both sides.
+        ui.scope_builder(UiBuilder::new().layout(Layout::top_down(Align::Min)), |ui| {
+            ui.add(Label::new(tokens::muted(ui, offer.about.as_str())).wrap());
+        });
         ui.add_space(4.0);
         let tone = if offer.key == Key::Num1 { Tone::Primary } else { Tone::Plain };
         let button = KeyButton::new(offer.button).key(offer.key).tone(tone).enabled(offer.is_enabled);
@@ -236,16 +239,19 @@ fn text_of(hint: Hint, state: &View<'_>) -> String {
     let n_answered = state.session().map_or(0, |session| session.statistics().n_answered);
     match hint {
         Hint::Drive => format!(
-            "Hold {}. Drive well for a while, then badly: both are worth asking about. {} ends the dream and keeps it, {} throws \
-             it away.",
+            "Hold keys ({}). Drive well for a while, then badly: both are worth asking about. {} ends the dream and keeps it, {} \
+             throws it away.",
             moves(state),
             key(KeyAction::Keep),
             key(KeyAction::Leave)
         ),
-        Hint::Again => format!(
-            "Kept. A second dream ({}) makes the questions more varied. Then compare clips of them: Label, or Ctrl+4.",
-            key(KeyAction::Begin)
-        ),
+        Hint::Again => match state.session().map_or(0, |session| session.dream_lens().len()) {
+            0 | 1 => format!(
+                "Kept. A second dream ({}) makes the questions more varied. Then compare clips of them: Label, or Ctrl+4.",
+                key(KeyAction::Begin)
+            ),
+            n => format!("{n} dreams are kept. Now compare clips of them: Label, or Ctrl+4."),
+        },
         Hint::Answer => answer_of(state, &key),
         Hint::Justify => format!(
             "1 to 9 name what matters most here, if anything does; then {} or {} says which clip is better, {} that they are \
@@ -303,30 +309,30 @@ fn answer_of(state: &View<'_>, key: &dyn Fn(KeyAction) -> String) -> String {
     }
 }
 
-/// `Up for gas, Left and Right to steer`: what moves the first few axes.
+/// `steer: Left, Right; gas: Up`: what moves the first few axes.
 fn moves(state: &View<'_>) -> String {
     let keys = &state.settings.keys;
     let of = |axis: &Axis| {
         // The first key of each side.
-        let mut sides: Vec<(f32, String)> = Vec::new();
+        let mut sides: Vec<(f32, &str)> = Vec::new();
         for input in &axis.keys {
             let Some(name) = known_key(&input.key) else { continue };
             if !sides.iter().any(|(to, _)| *to == input.to) {
-                sides.push((input.to, spoken(key_name(keys.of_move(name)))));
+                sides.push((input.to, key_name(keys.of_move(name))));
             }
         }
         let names: Vec<_> = sides.into_iter().map(|(_, name)| name).collect();
-        (!names.is_empty()).then(|| format!("{} for {}", names.join(" and "), axis.name))
+        (!names.is_empty()).then(|| format!("{}: {}", axis.name, names.join(", ")))
     };
     let moves: Vec<_> = state.spec.axes.iter().filter_map(of).take(3).collect();
-    if moves.is_empty() { "the controls".to_owned() } else { moves.join(", ") }
+    if moves.is_empty() { "the gamepad's".to_owned() } else { moves.join("; ") }
 }
 
 /// A key as it is called in a sentence.
 fn spoken(name: &'static str) -> String {
     match name {
         "Back" => "Backspace".to_owned(),
-        "Left" | "Right" | "Up" | "Down" => format!("the arrow {}", name.to_lowercase()),
+        "Left" | "Right" | "Up" | "Down" => format!("arrow {}", name.to_lowercase()),
         other => other.to_owned(),
     }
 }

@@ -1,6 +1,6 @@
 //! What is drawn: functions of the state that push commands.
 
-use eframe::egui::{CentralPanel, Frame, Key, Margin, Panel as Side, Ui};
+use eframe::egui::{CentralPanel, Frame, Margin, Panel as Side, Ui};
 
 use crate::app::{Command, Panel, WindowCommand};
 use crate::ui::command::Commands;
@@ -58,7 +58,7 @@ pub(super) fn window_ui(ui: &mut Ui, state: &View<'_>, commands: &mut Commands) 
     }
     if state.help_open {
         help::help_ui(ui, state, commands);
-    } else if [Key::Questionmark, Key::Slash, Key::F1].into_iter().any(|key| input::pressed(ui, key)) {
+    } else if input::asks_for_help(ui) {
         commands.push(Command::Window(WindowCommand::ToggleHelp));
     }
 }

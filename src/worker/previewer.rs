@@ -1,4 +1,6 @@
 //! Shows what an episode of the real world begins with, before anybody acts in it.
+//!
+//! As it looks after a second in which nothing is done: some worlds open with a view from far away.
 
 use std::sync::mpsc::Receiver;
 
@@ -6,9 +8,11 @@ use crate::worker::{
     OpenError, OpenWorld, PreviewerCommand, Reports, SceneReport, Worker, WorkerError, WorkerName, one_thread,
     picture,
 };
-use crate::world::World;
+use crate::world::{Action, World};
 
 const NAME: WorkerName = WorkerName::Previewer;
+/// Steps of that second at the most.
+const MOST: usize = 100;
 
 /// Starts a thread that shows how episodes begin in the world that `open` opens.
 pub fn spawn(open: OpenWorld, reports: &Reports) -> Worker<PreviewerCommand> {
@@ -28,7 +32,15 @@ pub fn preview(
         let PreviewerCommand::Show(seed) = commands.try_iter().last().unwrap_or(command);
         let opened = world.take().map_or_else(|| open(false), Ok);
         let begun = opened.and_then(|mut world| {
-            let frame = world.reset(seed).map_err(OpenError::World)?;
+            let mut frame = world.reset(seed).map_err(OpenError::World)?;
+            let (neutral, n) = (Action::new(world.spec().neutral()), world.spec().rate.round() as usize);
+            for _ in 0..n.min(MOST) {
+                let step = world.step(&neutral).map_err(OpenError::World)?;
+                frame = step.frame;
+                if step.end.is_some() {
+                    break;
+                }
+            }
             Ok((world, frame))
         });
         match begun {

@@ -20,6 +20,7 @@ mod opening;
 mod saving;
 mod seen;
 mod episodes;
+mod first_hour;
 
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
