@@ -239,7 +239,7 @@ fn text_of(hint: Hint, state: &View<'_>) -> String {
     let n_answered = state.session().map_or(0, |session| session.statistics().n_answered);
     match hint {
         Hint::Drive => format!(
-            "Hold keys ({}). Drive well for a while, then badly: both are worth asking about. {} ends the dream and keeps it, {} \
+            "Hold {}. Drive well for a while, then badly: both are worth asking about. {} ends the dream and keeps it, {} \
              throws it away.",
             moves(state),
             key(KeyAction::Keep),
@@ -325,7 +325,7 @@ fn moves(state: &View<'_>) -> String {
         (!names.is_empty()).then(|| format!("{}: {}", axis.name, names.join(", ")))
     };
     let moves: Vec<_> = state.spec.axes.iter().filter_map(of).take(3).collect();
-    if moves.is_empty() { "the gamepad's".to_owned() } else { moves.join("; ") }
+    if moves.is_empty() { "a gamepad's sticks".to_owned() } else { format!("keys ({})", moves.join("; ")) }
 }
 
 /// A key as it is called in a sentence.

@@ -17,6 +17,8 @@ pub(super) fn write(path: PathBuf, source: ClipSource) -> Done {
     let has_ending = path.extension().is_some_and(|end| end.eq_ignore_ascii_case("gif"));
     let path = if has_ending { path } else { path.with_added_extension("gif") };
     let clip = match source {
+        // A transition has one clip.
+        ClipSource::Query { left, right, rate, .. } if left == right => Clip::half_as_fast(left, rate, 1),
         ClipSource::Query { left, right, response, rate } => {
             Clip::half_as_fast(query(&left, &right, response), rate, 1)
         }

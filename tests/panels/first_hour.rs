@@ -127,7 +127,7 @@ fn hints_come_one_at_a_time_are_remembered_and_can_be_called_back() {
     harness.get_by_label_contains("It is not a dream any more");
 
     let memory: &'static Memory = Box::leak(Box::new(remembered(&mut harness)));
-    drop(harness);
+    drop((harness, backstage));
     let folder = std::fs::read_dir(dir.path()).unwrap().map(|entry| entry.unwrap().path());
     let folder = folder.into_iter().find(|path| path.join("session.json").exists()).unwrap();
     let store = SessionStore::open(&folder, None).unwrap();
