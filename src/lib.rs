@@ -38,6 +38,7 @@
 //! | [`planner`] | candidates, imagined returns, the choice; trajectories worth asking about | a pure function of state, models and generator |
 //! | [`simulate`] | stand-ins for people: recording, probe, player, annotator | once it labels it sees frames, never the world |
 //! | [`evaluation`] | episodes in the real world, metrics, agreement of people | takes a policy, returns numbers; same tracks for every method |
+//! | [`clip`] | what was seen as a GIF: pictures beside each other, framed | pictures and answers in, bytes out; marks differ by shape and color |
 //! | [`session`] | events, their log, replay, merging; arrays and weights on disk | with [`dataset`] and [`run`] the only modules that touch files; a session *is* its log |
 //! | [`experiment`] | grids of trials, their results, what these come to, Slurm | a trial is a pure function of its description; a folder goes on where it was left |
 //! | [`drqv2`] | DrQ-v2, the paper's upper bound: its networks, replay buffer and schedule | learns in the real world by its true reward, and counts what that costs; shares nothing with the method |
@@ -79,6 +80,7 @@ pub mod reward;
 pub mod planner;
 pub mod simulate;
 pub mod evaluation;
+pub mod clip;
 pub mod session;
 pub mod experiment;
 pub mod drqv2;

@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use crate::app::deploy::DeployCommand;
 use crate::app::dream::DreamCommand;
+use crate::app::guide::GuideCommand;
 use crate::app::label::LabelCommand;
 use crate::app::panel::{Field, Panel, Purpose};
 use crate::app::record::RecordCommand;
@@ -32,6 +33,8 @@ pub enum Command {
     Deploy(DeployCommand),
     /// On sessions and their files.
     Session(SessionCommand),
+    /// On the first hour.
+    Guide(GuideCommand),
 }
 
 /// On what is shown at all.
@@ -59,6 +62,8 @@ pub enum WindowCommand {
     Warn(String),
     /// Says what went wrong.
     Fail(String),
+    /// Saves what is seen on the panel as a GIF.
+    SaveClip,
     /// Starts all workers anew and tells them all that is in the session.
     Restart,
     /// Gives the controls to the planner, or takes them back: in a dream, or in the real world.

@@ -39,6 +39,7 @@ impl App {
                 // A world in a process takes its time until the first of them.
                 (deploy.view, deploy.picture) = (None, None);
                 deploy.candidates.clear();
+                self.state.clips.deployed = Default::default();
                 self.send(WorkerCommand::Driver(DriverCommand::Drive { seed }));
             }
             DeployCommand::Pause => {
@@ -54,9 +55,10 @@ impl App {
     }
 
     pub(super) fn deploy_report(&mut self, report: DeployReport) {
-        let deploy = &mut self.state.deploy;
         match report {
             DeployReport::View(view) => {
+                self.remember_deployed(&view);
+                let deploy = &mut self.state.deploy;
                 deploy.picture = Some(Picture::from(&view.picture));
                 let last =
                     |candidate: &crate::worker::CandidateView| candidate.frames.last().map(Picture::from);
@@ -64,6 +66,7 @@ impl App {
                 deploy.view = Some(view);
             }
             DeployReport::Ended { seed, metrics } => {
+                let deploy = &mut self.state.deploy;
                 deploy.is_on = false;
                 deploy.episodes.push((seed, metrics));
                 self.next_seed(Field::DeploySeed);

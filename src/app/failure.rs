@@ -29,6 +29,7 @@ impl App {
             | WorkerName::Modeler
             | WorkerName::Clipper
             | WorkerName::Screener
+            | WorkerName::Previewer
             | WorkerName::DreamInspector
             | WorkerName::Jobs => {}
         }

@@ -15,13 +15,16 @@
 
 #![warn(clippy::wildcard_enum_match_arm)] // a new command or report that nobody handles does not pass
 
+mod clips;
 mod command;
 mod effect;
 mod failure;
+mod guide;
 mod message;
 mod panel;
 mod picture;
 mod playhead;
+mod scene;
 mod state;
 
 pub mod deploy;
@@ -48,6 +51,7 @@ pub use command::{Command, PlaybackCommand, WindowCommand};
 pub use deploy::DeployCommand;
 pub use dream::DreamCommand;
 pub use effect::Effect;
+pub use guide::{GuideCommand, Hint};
 pub use label::{Budget, LabelCommand, Moment, QuerySelection};
 pub use message::{Message, MessageKind};
 pub use panel::{Field, Panel, Purpose};
@@ -203,6 +207,7 @@ impl App {
             Command::Reward(command) => self.reward_command(command),
             Command::Deploy(command) => self.deploy_command(command),
             Command::Session(command) => self.session_command(command),
+            Command::Guide(command) => self.guide_command(command),
         }
     }
 
@@ -216,6 +221,7 @@ impl App {
             Report::Reward(report) => self.reward_report(report),
             Report::Deploy(report) => self.deploy_report(report),
             Report::Session(report) => self.session_report(report),
+            Report::Scene(report) => self.scene_seen(&report),
             Report::Job(report) => self.job_report(report),
             Report::Failed(failure) => self.worker_failed(failure),
         }
@@ -237,6 +243,8 @@ impl App {
         self.advance_clips(tick);
         self.advance_review(tick.dt);
         self.advance_episode(tick.dt);
+        self.advance_scene();
+        self.advance_guide();
         let now = self.state.now;
         self.state.messages.retain(|message| message.until.is_none_or(|until| until > now));
     }
@@ -268,6 +276,7 @@ impl App {
             WindowCommand::Import(purpose) => {
                 self.effects.push(Effect::OpenDialog(purpose, String::new()));
             }
+            WindowCommand::Chosen(Purpose::Clip, chosen) => self.clip_place_chosen(chosen),
             WindowCommand::Chosen(purpose, Ok(paths)) => {
                 for path in paths {
                     self.take_chosen(purpose, path);
@@ -279,6 +288,7 @@ impl App {
             WindowCommand::Dismiss(id) => self.state.messages.retain(|message| message.id != id),
             WindowCommand::Note(text) => self.note(text),
             WindowCommand::Warn(text) => self.warn(text),
+            WindowCommand::SaveClip => self.save_clip(),
             WindowCommand::Restart => self.restart(),
             WindowCommand::HandOver => self.hand_over(),
             WindowCommand::PauseDriving(why) => self.pause_driving(Some(why)),
@@ -294,10 +304,13 @@ impl App {
             Purpose::Env => self.job(JobCommand::Identify(path)),
             Purpose::Recordings => self.use_dataset(path),
             Purpose::Merge => self.session_command(SessionCommand::AddToMerge(path)),
+            // Its place was asked for, and is taken in as such.
+            Purpose::Clip => {}
         }
     }
 
     fn show(&mut self, panel: Panel) {
+        self.state.guide.is_offering = false;
         if panel == self.state.panel {
             return;
         }
@@ -363,6 +376,7 @@ fn needs_session(command: &Command) -> bool {
             matches!(command, DreamCommand::Start | DreamCommand::Delete(_) | DreamCommand::Restore(_))
         }
         Command::Window(command) => matches!(command, WindowCommand::Restart),
+        Command::Guide(command) => matches!(command, GuideCommand::Dream | GuideCommand::Practice),
         Command::Record(_) | Command::WorldModel(_) | Command::Playback(_) | Command::Deploy(_) => false,
     }
 }

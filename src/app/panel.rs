@@ -72,4 +72,6 @@ pub enum Purpose {
     Recordings,
     /// Sessions to merge with others.
     Merge,
+    /// A GIF to write.
+    Clip,
 }

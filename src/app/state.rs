@@ -4,13 +4,16 @@ use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::sync::Arc;
 
+use crate::app::clips::Clips;
 use crate::app::deploy::Deploying;
 use crate::app::dream::{Dreaming, Reviewing};
+use crate::app::guide::Guide;
 use crate::app::label::{Labeling, Moment};
 use crate::app::message::Message;
 use crate::app::panel::{Field, Panel};
 use crate::app::record::{Episodes, Recording};
 use crate::app::reward::Rewarding;
+use crate::app::scene::Scenes;
 use crate::app::session::{Merging, OpenSession, OpenedFolder, Saving, SessionList};
 use crate::app::world_model::World;
 use crate::evaluation::EpisodeMetrics;
@@ -53,6 +56,12 @@ pub struct State {
     pub(crate) help_open: bool,
     /// What was said and not taken away yet.
     pub(crate) messages: Vec<Message>,
+    /// What is offered at a first start, and which hints were seen.
+    pub(crate) guide: Guide,
+    /// What is saved as a clip, or could be.
+    pub(crate) clips: Clips,
+    /// What the next episode begins with.
+    pub(crate) scenes: Scenes,
     pub(crate) world: World,
     pub(crate) record: Recording,
     pub(crate) episodes: Episodes,
@@ -104,8 +113,13 @@ impl State {
         self.session().map_or_else(|| Weights::of(&self.spec), |session| session.weights().clone())
     }
 
-    /// Whether something lies over the panel, so that its keys do nothing.
+    /// Whether something lies over the panel, so that its keys do nothing, or is shown in its place.
     pub(crate) fn is_covered(&self) -> bool {
+        self.has_dialog() || self.guide.is_offering
+    }
+
+    /// Whether a dialog lies over everything else.
+    pub(crate) fn has_dialog(&self) -> bool {
         self.help_open || self.list.is_open || self.merge.is_open || self.saving.asked.is_some()
     }
 

@@ -150,7 +150,7 @@ impl App {
                     self.go_on_with(loaded, goes_to);
                 }
                 if is_first {
-                    self.state.panel = Panel::World;
+                    (self.state.panel, self.state.guide.is_offering) = (Panel::World, false);
                 }
                 return self.fail(error.to_string());
             }

@@ -3,44 +3,59 @@
 use std::path::PathBuf;
 
 use anyhow::Context as _;
-use dropj::query::{DreamId, Preference, QueryId, Response, SEGMENT_LEN, SafetyAnswer, SegmentRef};
+use dropj::clip::{self, Clip};
+use dropj::dream::DreamEpisode;
+use dropj::query::{DreamId, QueryId, SEGMENT_LEN, SegmentRef};
 use dropj::run::{Kind, OutputFile};
-use dropj::session::SessionStore;
+use dropj::session::{Session, SessionStore};
 use dropj::world::Frame;
+use dropj::world_model::WorldModel;
 
+use super::choices::Switch;
+use super::clip_real::{Compared, drive};
 use super::models;
 use super::numbers::count;
-use super::picture::{gif, side_by_side};
 use super::told::Form;
 
-/// What is better is framed in this color, what is not in the other: people who see fewer colors tell them apart, too.
-const BETTER: [u8; 3] = [86, 180, 233];
-const WORSE: [u8; 3] = [213, 94, 0];
-/// What is neither.
-const NEITHER: [u8; 3] = [120, 120, 120];
 /// Of a dream every second step is shown.
 const EVERY: usize = 2;
+/// Of an episode in the real world every third.
+const EVERY_REAL: usize = 3;
 
 #[derive(Debug, clap::Args)]
+#[command(group = clap::ArgGroup::new("what").required(true).args(["query", "dream", "deploy", "beside"]))]
 pub(crate) struct Options {
     /// The session
     #[arg(long)]
     session: PathBuf,
-    /// The number of a query, from 0: both clips as they were compared, the better one framed in blue, the other in orange
-    #[arg(long, required_unless_present = "dream", conflicts_with = "dream")]
+    /// The number of a query, from 0: both clips as they were compared; the better one has a whole blue frame, the other a broken
+    /// orange one
+    #[arg(long)]
     query: Option<u32>,
     /// The number of a dream, from 0
     #[arg(long)]
     dream: Option<u32>,
-    /// The first step of the dream that is shown
+    /// The seed of an episode in the real world: the planner acts by the session's reward, beside the futures that it chose from
+    #[arg(long, value_name = "SEED")]
+    deploy: Option<u64>,
+    /// The same, beside what the world model dreams under the same actions
+    #[arg(long, value_name = "SEED")]
+    beside: Option<u64>,
+    /// After how many steps the dream beside looks at the real world and begins anew; 0 is never
+    #[arg(long, value_parser = count(0..=1_000_000), default_value_t = 50, conflicts_with_all = ["query", "dream", "deploy"])]
+    look_every: usize,
+    /// The first step that is shown of a dream or an episode
     #[arg(long, value_parser = count(0..=10_000_000), default_value_t = 0, conflicts_with = "query")]
     from: usize,
-    /// How many steps of the dream are shown
-    #[arg(long, value_parser = count(1..=10_000), default_value_t = 500, conflicts_with = "query")]
-    steps: usize,
-    /// How many pixels wide and high each of its pixels is
-    #[arg(long, value_parser = clap::value_parser!(u32).range(1..=8), default_value_t = 2)]
-    scale: u32,
+    /// How many steps are shown of a dream [default: 500] or an episode [default: 300]
+    #[arg(long, value_parser = count(1..=10_000), conflicts_with = "query")]
+    steps: Option<usize>,
+    /// The driving aids of the paper's evaluation, where there are obstacles
+    #[arg(long, value_enum, default_value = "on")]
+    aids: Switch,
+    /// How many pixels wide and high each of its pixels is [default: as many as can be shown well]
+    #[arg(long, value_parser = clap::value_parser!(u32).range(1..=8))]
+    scale: Option<u32>,
     /// The GIF to write
     #[arg(long)]
     out: PathBuf,
@@ -55,60 +70,70 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
     tch::set_num_threads(1);
     let output = OutputFile::at(&options.out, Kind::Clip)?;
     let model = models::of_session(&options.session, options.world.as_deref())?;
-    let (session, dreams) = SessionStore::read_dreams(&options.session, model.identity())?;
-    let dream = |id: DreamId| {
-        let found = dreams.iter().find(|(known, _)| *known == id).map(|(_, dream)| dream);
-        found
-            .with_context(|| format!("there is no dream {} among the {} of this session", id.0, dreams.len()))
+    let (clip, said) = match (options.deploy, options.beside) {
+        (Some(seed), _) => (real(options, &model, seed, None)?, None),
+        (_, Some(seed)) => {
+            let reset = (options.look_every > 0).then_some(options.look_every);
+            (real(options, &model, seed, Some(Compared { reset }))?, None)
+        }
+        (None, None) => dreamed(options, &model)?,
     };
-    // Half as fast as it happens, as in the window.
-    let millis = (2000.0 / model.spec().rate).round().max(20.0) as u32;
-    let mut said = None;
-    let bytes = if let Some(number) = options.query {
-        let asked = session.query(QueryId(number));
-        let asked = asked.with_context(|| {
-            format!("there is no query {number} among the {} of this session", session.queries().len())
-        })?;
-        let clip = |SegmentRef { dream: id, start }: SegmentRef| {
-            Ok::<_, anyhow::Error>(dream(id)?.frames(&model, start..start + SEGMENT_LEN))
-        };
-        let (left, right) = (clip(asked.query.left)?, clip(asked.query.right)?);
-        let response = asked.answer().map(|given| given.answer.response);
-        let colors = colors(response);
-        let both: Vec<Frame> =
-            left.iter().zip(&right).map(|(left, right)| side_by_side(left, right, colors)).collect();
-        said =
-            Some(response.map_or("not answered yet".to_owned(), |response| session.weights().say(&response)));
-        gif(&both, millis, options.scale)?
-    } else {
-        let dream = dream(DreamId(options.dream.unwrap_or(0)))?;
-        anyhow::ensure!(options.from < dream.len(), "that dream has {} steps", dream.len());
-        let range = options.from..(options.from + options.steps).min(dream.len());
-        let frames: Vec<Frame> = dream.frames(&model, range).into_iter().step_by(EVERY).collect();
-        gif(&frames, millis, options.scale)?
-    };
-    output.write(&bytes)?;
+    let clip = Clip { scale: options.scale.unwrap_or(clip.scale), ..clip };
+    output.write(&clip.gif()?)?;
     options.form.tell(&serde_json::json!({"file": options.out, "answer": said}), || {
         let said = said.as_ref().map_or_else(String::new, |said| format!("{said}\n"));
         format!("{said}wrote {:?}", options.out)
     })
 }
 
-/// How each clip is framed, left and right.
-fn colors(response: Option<Response>) -> [[u8; 3]; 2] {
-    let of = |preference| match preference {
-        Preference::Left => [BETTER, WORSE],
-        Preference::Right => [WORSE, BETTER],
-        Preference::Equal => [NEITHER; 2],
+/// An episode in the real world.
+fn real(
+    options: &Options,
+    model: &WorldModel,
+    seed: u64,
+    compared: Option<Compared>,
+) -> anyhow::Result<Clip> {
+    let steps = options.from..options.from + options.steps.unwrap_or(300);
+    let frames = drive(&options.session, model, (seed, options.aids.is_on()), compared, steps, EVERY_REAL)?;
+    Ok(Clip::at_pace(frames, model.spec().rate, EVERY_REAL))
+}
+
+/// A query, with its answer in words, or a dream.
+fn dreamed(options: &Options, model: &WorldModel) -> anyhow::Result<(Clip, Option<String>)> {
+    let (session, dreams) = SessionStore::read_dreams(&options.session, model.identity())?;
+    let dream = |id: DreamId| {
+        let found = dreams.iter().find(|(known, _)| *known == id).map(|(_, dream)| dream);
+        found
+            .with_context(|| format!("there is no dream {} among the {} of this session", id.0, dreams.len()))
     };
-    match response {
-        Some(Response::Preferred(preference) | Response::Justified(_, preference)) => of(preference),
-        Some(Response::Safety(answer)) => match answer {
-            SafetyAnswer::OnlyLeft => of(Preference::Left),
-            SafetyAnswer::OnlyRight => of(Preference::Right),
-            SafetyAnswer::Neither => [WORSE; 2],
-            SafetyAnswer::Both(preference) => of(preference),
-        },
-        Some(Response::Skipped(_) | Response::Judged(_)) | None => [NEITHER; 2],
+    let rate = model.spec().rate;
+    if let Some(number) = options.query {
+        let (frames, said) = query(number, model, &session, dream)?;
+        return Ok((Clip::half_as_fast(frames, rate, 1), Some(said)));
     }
+    let dream = dream(DreamId(options.dream.unwrap_or(0)))?;
+    anyhow::ensure!(options.from < dream.len(), "that dream has {} steps", dream.len());
+    let range = options.from..(options.from + options.steps.unwrap_or(500)).min(dream.len());
+    let frames: Vec<Frame> = dream.frames(model, range).into_iter().step_by(EVERY).collect();
+    Ok((Clip::at_pace(frames, rate, EVERY), None))
+}
+
+/// A query, framed after its answer, and that answer in words.
+fn query<'a>(
+    number: u32,
+    model: &WorldModel,
+    session: &Session,
+    dream: impl Fn(DreamId) -> anyhow::Result<&'a DreamEpisode>,
+) -> anyhow::Result<(Vec<Frame>, String)> {
+    let asked = session.query(QueryId(number));
+    let asked = asked.with_context(|| {
+        format!("there is no query {number} among the {} of this session", session.queries().len())
+    })?;
+    let clip = |SegmentRef { dream: id, start }: SegmentRef| {
+        Ok::<_, anyhow::Error>(dream(id)?.frames(model, start..start + SEGMENT_LEN))
+    };
+    let (left, right) = (clip(asked.query.left)?, clip(asked.query.right)?);
+    let response = asked.answer().map(|given| given.answer.response);
+    let said = response.map_or("not answered yet".to_owned(), |response| session.weights().say(&response));
+    Ok((clip::query(&left, &right, response), said))
 }

@@ -9,6 +9,7 @@ mod check_world;
 mod choices;
 mod chosen_world;
 mod clip;
+mod clip_real;
 mod compare;
 mod completions;
 mod convert;

@@ -86,6 +86,16 @@ pub(super) fn drop_dreams(
 /// A session in `out` with the dreams of the one in `dir` and all queries that were answered there, but no answer: for
 /// `annotator`, who is to answer the same.
 pub fn hand_on(dir: &Path, out: &Path, annotator: &str) -> Result<SessionStore, SessionError> {
+    hand_on_some(dir, out, annotator, usize::MAX)
+}
+
+/// The same with `most` of the queries at the most, from the whole of the session.
+pub(super) fn hand_on_some(
+    dir: &Path,
+    out: &Path,
+    annotator: &str,
+    most: usize,
+) -> Result<SessionStore, SessionError> {
     let reading = store::read(dir, None)?;
     let mut header = heir(&reading.header, dir, out);
     header.protocol = reading.session.protocol();
@@ -93,7 +103,11 @@ pub fn hand_on(dir: &Path, out: &Path, annotator: &str) -> Result<SessionStore, 
     annotator.clone_into(&mut header.config.annotator);
     whole(out, header, |handed| {
         let is_wanted = |asked: &AskedQuery| asked.repeats().is_none() && asked.answer().is_some();
-        pass_on(handed, &reading, dir, is_wanted).map(drop)
+        let all = reading.session.queries().iter().filter(|asked| reading.session.is_in_use(asked));
+        let all: Vec<QueryId> = all.filter(|asked| is_wanted(asked)).map(|asked| asked.query.id).collect();
+        let every = all.len().div_ceil(most.max(1)).max(1);
+        let chosen: BTreeSet<QueryId> = all.into_iter().step_by(every).collect();
+        pass_on(handed, &reading, dir, |asked| chosen.contains(&asked.query.id)).map(drop)
     })
 }
 

@@ -30,6 +30,14 @@ pub fn asset(name: &str) -> PathBuf {
     paths.swap_remove(found.unwrap_or(paths.len() - 1))
 }
 
+/// A folder that is shipped beside `assets`, or where it should be.
+pub(super) fn shipped_beside(name: &Path) -> PathBuf {
+    let beside = |assets: PathBuf| assets.parent().map_or_else(PathBuf::new, Path::to_owned).join(name);
+    let mut paths: Vec<_> = shipped_folders().into_iter().map(beside).collect();
+    let found = paths.iter().position(|path| path.is_dir());
+    paths.swap_remove(found.unwrap_or(paths.len() - 1))
+}
+
 /// The folders in which networks are shipped, the likeliest first.
 fn shipped_folders() -> Vec<PathBuf> {
     let beside = std::env::current_exe().ok().and_then(|program| Some(program.parent()?.join("assets")));

@@ -13,7 +13,7 @@ use crate::ui::dream::banner;
 use crate::ui::record::RECORDED_ONLY;
 use crate::ui::settings::keymap::KeyAction;
 use crate::ui::tokens::{self, GAP};
-use crate::ui::widgets::clip::{Rim, paint_picture, picture_ui};
+use crate::ui::widgets::clip::{Rim, clip_button_ui, paint_picture, picture_ui};
 use crate::ui::widgets::field::inline_field_ui;
 use crate::ui::widgets::gauge::{capitalized, row_ui, status_ui};
 use crate::ui::widgets::keycap::{KeyButton, Tone};
@@ -32,15 +32,7 @@ pub(super) fn deploy_ui(ui: &mut Ui, state: &View<'_>, commands: &mut Commands) 
         "Deploy",
         "The planner acts in the real world: it dreams many futures ahead and takes the one the reward likes best.",
     );
-    if state.reward.parameters.is_none() {
-        ui.label("The planner needs a reward: answer some queries first.");
-        ui.add_space(GAP);
-        if KeyButton::new("Go and label").tone(Tone::Primary).is_pressed(ui) {
-            commands.push(Command::Window(WindowCommand::Show(Panel::Label)));
-        }
-        return;
-    }
-    if state.is_recorded_only() {
+    if state.is_recorded_only() && state.reward.parameters.is_some() {
         ui.label(RECORDED_ONLY);
         return;
     }
@@ -58,13 +50,23 @@ pub(super) fn deploy_ui(ui: &mut Ui, state: &View<'_>, commands: &mut Commands) 
 /// The real world and how it goes.
 fn scene_ui(ui: &mut Ui, state: &View<'_>, commands: &mut Commands) {
     let deploy = &state.deploy;
-    let size = fitting(ui, scene_shape(state, deploy.picture.as_ref()), 240.0);
+    let to_come = || state.scene(Field::DeploySeed).filter(|_| !deploy.is_on);
+    let picture = deploy.picture.as_ref().or_else(to_come);
+    let size = fitting(ui, scene_shape(state, picture), 240.0);
     let label = deploy
         .view
         .as_ref()
         .map_or("The real world".to_owned(), |view| format!("The real world at step {}", view.step));
-    let empty = if deploy.is_on { "Starting the world…" } else { "Press Begin to let the planner act." };
-    let response = picture_ui(ui, deploy.picture.as_ref(), size, &label, empty, Rim::Plain);
+    let has_reward = state.reward.parameters.is_some();
+    let empty = match (deploy.is_on, has_reward) {
+        (true, _) => "Starting the world…",
+        (false, true) => "Press Begin to let the planner act.",
+        (false, false) => "Here the planner will act by the reward that you teach it.",
+    };
+    let response = picture_ui(ui, picture, size, &label, empty, Rim::Plain);
+    if !deploy.is_on && deploy.view.is_none() && picture.is_some() {
+        banner(ui, response.rect, empty);
+    }
     if deploy.is_on && deploy.is_paused {
         banner(ui, response.rect, "Paused");
     }
@@ -165,6 +167,13 @@ fn controls_ui(ui: &mut Ui, state: &View<'_>, commands: &mut Commands) {
     let key = |key_action| state.settings.keys.of(key_action);
     ui.horizontal(|ui| {
         ui.spacing_mut().item_spacing.x = 8.0;
+        if state.reward.parameters.is_none() {
+            if KeyButton::new("Go and label").tone(Tone::Primary).is_pressed(ui) {
+                commands.push(Command::Window(WindowCommand::Show(Panel::Label)));
+            }
+            ui.label(tokens::small(ui, "The planner needs a reward: answer some queries first."));
+            return;
+        }
         if !deploy.is_on {
             let drive = KeyButton::new("Begin").key(key(KeyAction::Begin)).tone(Tone::Primary).width(150.0);
             if drive.is_pressed(ui) {
@@ -172,6 +181,7 @@ fn controls_ui(ui: &mut Ui, state: &View<'_>, commands: &mut Commands) {
             }
             ui.add_space(8.0);
             inline_field_ui(ui, state, Field::DeploySeed, "Seed of the episode", commands);
+            clip_button_ui(ui, state, commands);
             return;
         }
         let name = if deploy.is_paused { "Go on" } else { "Pause" };
@@ -181,6 +191,7 @@ fn controls_ui(ui: &mut Ui, state: &View<'_>, commands: &mut Commands) {
         if KeyButton::new("Stop").key(key(KeyAction::Leave)).is_pressed(ui) {
             commands.push(Command::Deploy(DeployCommand::Stop));
         }
+        clip_button_ui(ui, state, commands);
     });
 }
 

@@ -45,6 +45,10 @@ impl Dialog {
             Purpose::Field(Field::ModelOut) => {
                 one(weights(dialog).set_file_name("world_model.safetensors").save_file())
             }
+            // What it begins at is a name here: it is a new file.
+            Purpose::Clip => {
+                one(AsyncFileDialog::new().add_filter("GIF", &["gif"]).set_file_name(at).save_file())
+            }
             Purpose::Env => one(dialog.add_filter("Worlds", &["toml"]).pick_file()),
             Purpose::Merge => {
                 let picked = dialog.set_title("Folders of sessions").pick_folders();
@@ -108,6 +112,7 @@ fn no_dialog(purpose: Purpose) -> String {
         Purpose::Field(_) => "or type the path into the field",
         Purpose::World => "or type the path of the file under World model",
         Purpose::Recordings | Purpose::Merge => "or drop the folder on this window",
+        Purpose::Clip => "and it is put beside the sessions",
         Purpose::Env => "or drop the file on this window, or name it by --env",
     };
     format!(

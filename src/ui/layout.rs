@@ -1,12 +1,12 @@
 //! What is drawn: functions of the state that push commands.
 
-use eframe::egui::{CentralPanel, Frame, Key, Margin, Panel as Side, Ui};
+use eframe::egui::{CentralPanel, Frame, Margin, Panel as Side, Ui};
 
 use crate::app::{Command, Panel, WindowCommand};
 use crate::ui::command::Commands;
 use crate::ui::settings::help;
 use crate::ui::tokens::{PAD, Tokens};
-use crate::ui::{View, deploy, dream, input, label, rail, record, reward, session, status, world_model};
+use crate::ui::{View, deploy, dream, guide, input, label, rail, record, reward, session, status, world_model};
 
 /// The whole window.
 pub(super) fn window_ui(ui: &mut Ui, state: &View<'_>, commands: &mut Commands) {
@@ -18,6 +18,14 @@ pub(super) fn window_ui(ui: &mut Ui, state: &View<'_>, commands: &mut Commands) 
         .show_separator_line(false)
         .frame(frame(tokens.rail, Margin::symmetric(16, 0)))
         .show(ui, |ui| status::status_ui(ui, state, commands));
+    if let Some(hint) = state.hint() {
+        Side::bottom("hint")
+            .exact_size(guide::HINT)
+            .resizable(false)
+            .show_separator_line(false)
+            .frame(frame(tokens.surface, Margin::symmetric(16, 4)))
+            .show(ui, |ui| guide::hint_ui(ui, state, hint, commands));
+    }
     Side::left("rail")
         .exact_size(208.0)
         .resizable(false)
@@ -29,6 +37,7 @@ pub(super) fn window_ui(ui: &mut Ui, state: &View<'_>, commands: &mut Commands) 
     CentralPanel::default().frame(frame(tokens.background, Margin::symmetric(PAD as i8, air))).show(
         ui,
         |ui| match state.panel {
+            _ if state.guide.is_offering => guide::welcome_ui(ui, state, commands),
             Panel::Record => record::record_ui(ui, state, commands),
             Panel::World => world_model::world_ui(ui, state, commands),
             Panel::Dream => dream::dream_ui(ui, state, commands),
@@ -49,7 +58,7 @@ pub(super) fn window_ui(ui: &mut Ui, state: &View<'_>, commands: &mut Commands) 
     }
     if state.help_open {
         help::help_ui(ui, state, commands);
-    } else if [Key::Questionmark, Key::Slash, Key::F1].into_iter().any(|key| input::pressed(ui, key)) {
+    } else if input::asks_for_help(ui) {
         commands.push(Command::Window(WindowCommand::ToggleHelp));
     }
 }

@@ -9,6 +9,7 @@ mod deploy;
 mod dialog;
 mod display;
 mod dream;
+mod guide;
 mod input;
 mod label;
 mod layout;
@@ -431,7 +432,8 @@ impl eframe::App for Window {
 
     fn ui(&mut self, ui: &mut egui::Ui, _frame: &mut eframe::Frame) {
         let (state, settings) = (self.app.state(), &self.settings);
-        input::set_live(ui.ctx(), !state.is_covered());
+        input::set_live(ui.ctx(), !state.has_dialog());
+        tokens::animate(ui.ctx(), !state.label.is_motion_reduced);
         let mut commands = Commands::default();
         layout::window_ui(ui, &View { state, settings }, &mut commands);
         widgets::clip::tidy_textures(ui.ctx());

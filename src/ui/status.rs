@@ -11,6 +11,7 @@ use crate::app::{Command, Field, MessageKind, SessionCommand, WindowCommand};
 use crate::text::shown;
 use crate::ui::View;
 use crate::ui::command::Commands;
+use crate::ui::guide::HINT;
 use crate::ui::label::progress;
 use crate::ui::settings::SettingsCommand;
 use crate::ui::tokens::{self, CORNER, Tokens};
@@ -114,6 +115,12 @@ fn jobs(state: &View<'_>) -> Vec<String> {
         jobs.push("reward: learning by other weights".to_owned());
     }
     jobs.extend(state.job.map(str::to_owned));
+    if state.guide.is_preparing {
+        jobs.push("preparing twenty questions".to_owned());
+    }
+    if state.clips.n_writing > 0 {
+        jobs.push("writing a clip".to_owned());
+    }
     if let Some(ordered) = &state.label.synthesis.ordered {
         jobs.push(format!("trajectory: {:.0} %", 100.0 * ordered.share));
     }
@@ -132,9 +139,11 @@ pub(super) fn messages_ui(ui: &mut Ui, state: &View<'_>, commands: &mut Commands
         return;
     }
     let tokens = Tokens::of(ui);
+    // What can be done about a hint stays in reach.
+    let hint = if state.hint().is_some() { HINT } else { 0.0 };
     Area::new(Id::unique("toasts"))
         .order(Order::Foreground)
-        .anchor(Align2::RIGHT_BOTTOM, vec2(-20.0, -46.0))
+        .anchor(Align2::RIGHT_BOTTOM, vec2(-20.0, -46.0 - hint))
         .interactable(true)
         .show(ui.ctx(), |ui| {
             for toast in &state.messages {

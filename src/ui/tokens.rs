@@ -1,5 +1,6 @@
 //! Colors and sizes: one table for each theme, and nothing is colored by any other.
 
+use eframe::egui::style::ScrollAnimation;
 use eframe::egui::{
     Color32, Context, CornerRadius, FontFamily, FontId, Margin, RichText, Shadow, Stroke, Style, TextStyle,
     Theme, Ui, Visuals, vec2,
@@ -134,6 +135,18 @@ pub(crate) fn small(ui: &Ui, text: impl Into<String>) -> RichText {
 pub(crate) fn install(ctx: &Context) {
     for theme in [Theme::Dark, Theme::Light] {
         ctx.style_mut_of(theme, |style| dress(style, Tokens::when(theme == Theme::Dark), theme));
+    }
+}
+
+/// Lets parts of the window move into their places, or has them there at once.
+pub(crate) fn animate(ctx: &Context, is_wanted: bool) {
+    let secs = if is_wanted { Style::default().animation_time } else { 0.0 };
+    if ctx.global_style().animation_time != secs {
+        ctx.all_styles_mut(|style| {
+            style.animation_time = secs;
+            style.scroll_animation =
+                if is_wanted { ScrollAnimation::default() } else { ScrollAnimation::none() };
+        });
     }
 }
 

@@ -6,11 +6,11 @@ use std::sync::Arc;
 
 use crate::dream::{DreamEpisode, Rows};
 use crate::planner::synthesis::Acquisition;
-use crate::query::{DreamId, JudgedTransition, Label, Query, QueryId, SegmentRef};
+use crate::query::{DreamId, JudgedTransition, Label, Query, QueryId, Response, SegmentRef};
 use crate::session::{DreamJournal, DreamSource, Event, Fit, Header, Session, SessionStore, UnfinishedDream};
 use crate::tensor::Parameters;
 use crate::worker::RolloutComparison;
-use crate::world::WorldSpec;
+use crate::world::{Frame, WorldSpec};
 use crate::world_model::{LatentState, ModelIdentity};
 
 /// A command, and the worker that it is for.
@@ -36,6 +36,8 @@ pub enum WorkerCommand {
     EpisodeBrowser(EpisodeBrowserCommand),
     /// Fits world models.
     Modeler(ModelerCommand),
+    /// Shows what episodes begin with.
+    Previewer(PreviewerCommand),
     /// Keeps the session on disk.
     SessionWriter(SessionWriterCommand),
     /// Does single pieces of work on files.
@@ -256,6 +258,13 @@ pub enum ModelerCommand {
     Stop,
 }
 
+/// Shows what episodes of the real world begin with, before anybody acts in them.
+#[derive(Debug)]
+pub enum PreviewerCommand {
+    /// Shows the first picture of the episode of this seed.
+    Show(u64),
+}
+
 /// Keeps the session that is open on disk, in the order of these commands.
 ///
 /// Each event is forced to disk before it is reported as recorded: what is not reported has not happened.
@@ -424,4 +433,68 @@ pub enum JobCommand {
     },
     /// Finds out what was dropped on the window.
     Identify(PathBuf),
+    /// Makes a session of a few queries of the example that is shipped for a world.
+    Practice {
+        /// The world's name.
+        world: String,
+        /// The folder of sessions.
+        sessions: PathBuf,
+        /// Who is to answer.
+        annotator: String,
+    },
+    /// Writes what was seen as a GIF.
+    WriteClip {
+        /// The file.
+        path: PathBuf,
+        /// What was seen.
+        source: ClipSource,
+    },
+}
+
+/// What was seen, and is to be shown to others.
+#[derive(Clone, Debug)]
+pub enum ClipSource {
+    /// Both clips of a query, and what was said of them.
+    Query {
+        /// Pictures of the left one.
+        left: Vec<Frame>,
+        /// Pictures of the right one.
+        right: Vec<Frame>,
+        /// What was said, if anything.
+        response: Option<Response>,
+        /// Steps a second of the world.
+        rate: f64,
+    },
+    /// A kept dream.
+    Dream {
+        /// It.
+        episode: Arc<DreamEpisode>,
+        /// The model that it was dreamed in.
+        model: Parameters,
+    },
+    /// An episode that the planner acted in, beside the futures that it chose from.
+    Deployed {
+        /// What was seen, one after the other.
+        seen: Vec<DeployedMoment>,
+        /// Pictures a second.
+        rate: f64,
+    },
+    /// The real world, and what was dreamt beside it, one after the other.
+    Beside {
+        /// Pairs of the real world and the dream.
+        seen: Vec<[Frame; 2]>,
+        /// Pictures a second.
+        rate: f64,
+    },
+}
+
+/// A moment of an episode that the planner acted in.
+#[derive(Clone, Debug)]
+pub struct DeployedMoment {
+    /// What was seen.
+    pub frame: Frame,
+    /// The last picture of each plan.
+    pub lead_to: Arc<[Frame]>,
+    /// The plan that was chosen.
+    pub chosen: usize,
 }

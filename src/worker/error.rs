@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 use std::sync::Arc;
 
+use crate::clip::ClipError;
 use crate::dataset::DatasetError;
 use crate::query::{DreamId, QueryId};
 use crate::reward::RewardError;
@@ -61,6 +62,8 @@ pub(super) enum TaskError {
     /// A file describes no world.
     #[error("{0}")]
     World(SpecError),
+    #[error("there is no example of the world {0:?}: begin with a dream")]
+    NoExample(String),
     /// Recordings of something else were chosen.
     #[error(
         "these recordings are of {found} and this window is about {env}: start `dropj --env {found}` for them"
@@ -79,7 +82,7 @@ macro_rules! met {
     };
 }
 
-met!(TaskError, OpenError, WorldModelError, RewardError, DatasetError, SessionError, RunError, NotFinite);
+met!(TaskError, ClipError, OpenError, WorldModelError, RewardError, DatasetError, SessionError, RunError, NotFinite);
 
 impl WorkerError {
     /// That it ended what it was doing, where nothing more is known of it.

@@ -11,11 +11,12 @@ use crate::run::read_at_most;
 use crate::session::header::FILE as SESSION_FILE;
 use crate::session::list_sessions as all_sessions;
 use crate::session::{
-    Annotators, ListedSession, LoadedSession, Session, SessionStore, hand_on_in, latest, merge_in,
-    share_dreams,
+    Annotators, ListedSession, LoadedSession, Session, SessionStore, example, hand_on_in, latest, merge_in,
+    practice_in, share_dreams,
 };
 use crate::text::{decoded, distinct, shown};
 use crate::worker::channel::IsWanted;
+use crate::worker::clip_writer;
 use crate::worker::error::TaskError;
 use crate::worker::{
     Dropped, JobCommand, JobReport, LoadWorldModel, Report, Reports, SessionItem, WorkerError, one_thread,
@@ -62,6 +63,8 @@ fn do_while(
         }
         JobCommand::OpenRecordings { dir, spec } => open_recordings(dir, &spec),
         JobCommand::Identify(path) => identify(path),
+        JobCommand::Practice { world, sessions, annotator } => practice(&world, &sessions, &annotator),
+        JobCommand::WriteClip { path, source } => clip_writer::write(path, source),
     };
     match done {
         Ok(Some(done)) => report(done),
@@ -71,7 +74,7 @@ fn do_while(
 }
 
 /// What comes of a job: nothing where it was given up.
-type Done = Result<Option<JobReport>, WorkerError>;
+pub(super) type Done = Result<Option<JobReport>, WorkerError>;
 
 /// Jobs of which only the last counts, and others.
 #[derive(Clone, Copy, PartialEq, Eq)]
@@ -82,6 +85,10 @@ enum Kind {
     Open,
     /// Lists sessions.
     List,
+    /// Makes a session to begin with.
+    Practice,
+    /// Writes a clip.
+    Clip,
     Other,
 }
 
@@ -99,6 +106,8 @@ impl Kind {
             | JobCommand::CompareAnnotators { .. }
             | JobCommand::OpenRecordings { .. }
             | JobCommand::Identify(_) => Self::Other,
+            JobCommand::Practice { .. } => Self::Practice,
+            JobCommand::WriteClip { .. } => Self::Clip,
         }
     }
 
@@ -108,7 +117,8 @@ impl Kind {
             Self::Load => "loader",
             Self::Open => "opener",
             Self::List => "lister",
-            Self::Other => "job",
+            Self::Clip => "clip writer",
+            Self::Practice | Self::Other => "job",
         }
     }
 
@@ -117,6 +127,8 @@ impl Kind {
             Self::Load => JobReport::WorldModel(Err(error)),
             Self::Open => JobReport::Session(Err(error)),
             Self::List => JobReport::NotListed(error),
+            Self::Practice => JobReport::Practice(Err(error)),
+            Self::Clip => JobReport::ClipWritten(Err(error)),
             Self::Other => JobReport::Failed(error),
         }
     }
@@ -149,7 +161,7 @@ impl Jobs {
             Kind::Load => Some(&mut self.loading),
             Kind::Open => Some(&mut self.opening),
             Kind::List => Some(&mut self.listing),
-            Kind::Other => None,
+            Kind::Practice | Kind::Clip | Kind::Other => None,
         }
     }
 
@@ -301,6 +313,12 @@ fn hand_over(dir: &Path, sessions: &Path, annotator: &str) -> Done {
     let queries = if n == 1 { "1 query waits".to_owned() } else { format!("{n} queries wait") };
     let said = format!("{queries} for {} in {}", shown(annotator), name(handed.dir()));
     Ok(Some(JobReport::Made(handed.dir().to_owned(), said)))
+}
+
+fn practice(world: &str, sessions: &Path, annotator: &str) -> Done {
+    let example = example(world).ok_or_else(|| TaskError::NoExample(world.to_owned()))?;
+    let made = practice_in(&example, sessions, annotator)?;
+    Ok(Some(JobReport::Practice(Ok(made.dir().to_owned()))))
 }
 
 /// Compares whoever answered about the dreams of a session, in it and in all others.

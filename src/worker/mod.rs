@@ -8,6 +8,7 @@
 //! worker is added in its table, `workers::workers!`.
 
 mod channel;
+mod clip_writer;
 mod clock;
 mod command;
 mod crew;
@@ -29,6 +30,7 @@ pub mod driver;
 pub mod episode_browser;
 pub mod jobs;
 pub mod modeler;
+pub mod previewer;
 pub mod recorder;
 pub mod screener;
 pub mod session_writer;
@@ -46,15 +48,15 @@ use crate::world::{Action, Frame, World, WorldError};
 
 pub use channel::{Inbox, Reports};
 pub use command::{
-    ClipperCommand, DreamInspectorCommand, DreamerCommand, DriverCommand, EpisodeBrowserCommand, FolderCheck,
-    JobCommand, ModelerCommand, RecorderCommand, ScreenerCommand, SessionWriterCommand, SynthesizerCommand,
+    ClipSource, ClipperCommand, DeployedMoment, DreamInspectorCommand, DreamerCommand, DriverCommand,
+    EpisodeBrowserCommand, FolderCheck, JobCommand, ModelerCommand, PreviewerCommand, RecorderCommand, ScreenerCommand, SessionWriterCommand, SynthesizerCommand,
     TrainerCommand, WorkerCommand,
 };
 pub use crew::Crew;
 pub use read_ahead::read_ahead;
 pub use report::{
     Cause, DeployReport, DreamReport, DreamStart, Dropped, JobReport, LabelReport, Learning, LoadedWorld,
-    RecordReport, Report, RewardReport, SessionItem, SessionReport, WorkerError, WorkerFailure, WorkerName,
+    RecordReport, Report, RewardReport, SceneReport, SessionItem, SessionReport, WorkerError, WorkerFailure, WorkerName,
     WorldModelReport,
 };
 pub use session_writer::SessionWriter;

@@ -36,6 +36,8 @@ pub enum Report {
     Deploy(DeployReport),
     /// On the session on disk.
     Session(SessionReport),
+    /// On what episodes begin with.
+    Scene(SceneReport),
     /// On a piece of work on files.
     Job(JobReport),
     /// A worker met an error.
@@ -198,6 +200,15 @@ pub enum DeployReport {
     },
 }
 
+/// What the episode of a seed begins with.
+#[derive(Debug)]
+pub struct SceneReport {
+    /// The seed.
+    pub seed: u64,
+    /// As a person sees it: width, height, RGB bytes.
+    pub picture: (u32, u32, Arc<[u8]>),
+}
+
 /// On the session on disk.
 #[derive(Debug)]
 pub enum SessionReport {
@@ -335,6 +346,10 @@ pub enum JobReport {
     Recordings(PathBuf, String),
     /// What was dropped on the window.
     Identified(PathBuf, Dropped),
+    /// A session of a few queries to begin with was made, or why it could not be.
+    Practice(Result<PathBuf, WorkerError>),
+    /// A clip is on disk, or why it is not.
+    ClipWritten(Result<PathBuf, WorkerError>),
     /// Something could not be done.
     Failed(WorkerError),
 }
@@ -410,6 +425,7 @@ rooms!(
     Reward(RewardReport),
     Deploy(DeployReport),
     Session(SessionReport),
+    Scene(SceneReport),
     Job(JobReport)
 );
 
@@ -444,13 +460,14 @@ pub enum WorkerName {
     Recorder,
     EpisodeBrowser,
     Modeler,
+    Previewer,
     SessionWriter,
     Jobs,
 }
 
 impl WorkerName {
     /// All of them.
-    pub const ALL: [Self; 12] = [
+    pub const ALL: [Self; 13] = [
         Self::Dreamer,
         Self::Clipper,
         Self::Screener,
@@ -461,6 +478,7 @@ impl WorkerName {
         Self::Recorder,
         Self::EpisodeBrowser,
         Self::Modeler,
+        Self::Previewer,
         Self::SessionWriter,
         Self::Jobs,
     ];
@@ -478,6 +496,7 @@ impl WorkerName {
             Self::Recorder => "recorder",
             Self::EpisodeBrowser => "episode browser",
             Self::Modeler => "modeler",
+            Self::Previewer => "previewer",
             Self::SessionWriter => "session writer",
             Self::Jobs => "jobs",
         }

@@ -13,9 +13,9 @@ use crate::worker::jobs::Jobs;
 use crate::worker::{
     Cause, ClipperCommand, DeployReport, Dismissed, DreamInspectorCommand, DreamReport, DreamerCommand,
     DriveView, DriverCommand, EpisodeBrowserCommand, EpisodeView, Inbox, Latest, LiveAction, LiveView,
-    LoadedWorld, ModelerCommand, OpenWorld, RecordReport, RecorderCommand, Report, Reports, ReviewView,
+    LoadedWorld, ModelerCommand, OpenWorld, PreviewerCommand, RecordReport, RecorderCommand, Report, Reports, ReviewView,
     RolloutView, ScreenerCommand, SessionWriterCommand, SynthesizerCommand, TrainerCommand, Worker,
-    WorkerCommand, clipper, dream_inspector, dreamer, driver, episode_browser, modeler, recorder, screener,
+    WorkerCommand, clipper, dream_inspector, dreamer, driver, episode_browser, modeler, previewer, recorder, screener,
     session_writer, synthesizer, trainer,
 };
 use crate::world::WorldSpec;
@@ -224,6 +224,9 @@ workers! {
     Modeler, modeler: ModelerCommand, lives Program, fills [], |start| {
         let WorkerConfig { world, fit, backend, .. } = start.config;
         Some(modeler::spawn(world.clone(), fit.clone(), *backend, start.reports))
+    };
+    Previewer, previewer: PreviewerCommand, lives Program, fills [], |start| {
+        Some(previewer::spawn(Arc::clone(&start.config.open), start.reports))
     };
     SessionWriter, session_writer: SessionWriterCommand, lives Program, fills [], |start| {
         Some(session_writer::spawn(start.reports))

@@ -57,6 +57,12 @@ pub fn authors_brake(name: &str) -> Option<f32> {
     NAMES.iter().position(|it| *it == name).map(|i| brakes[i])
 }
 
+/// The folder below `sessions/` of the example session of a world that this program brings along, where there is one.
+pub fn example_of(name: &str) -> Option<&'static str> {
+    let examples = [Some("example"), None, Some("example-obstacles")];
+    NAMES.iter().position(|it| *it == name).and_then(|i| examples[i])
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

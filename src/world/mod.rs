@@ -28,7 +28,7 @@ mod tests;
 mod write;
 
 pub use action::{Action, ActionRanges, MAX_AXES, RangesError};
-pub use builtin::{BuiltIn, NAMES, authors_brake};
+pub use builtin::{BuiltIn, NAMES, authors_brake, example_of};
 pub use error::{SpecError, SpecFault};
 pub use events::{EventReader, Happened, event_slug, field_value};
 pub use explorer::Explorer;

@@ -7,6 +7,7 @@
 #[path = "../support/program.rs"]
 mod program;
 
+mod clips;
 mod compare;
 mod datasets;
 mod files;

@@ -20,6 +20,7 @@ mod opening;
 mod saving;
 mod seen;
 mod episodes;
+mod first_hour;
 
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -115,7 +116,7 @@ impl Workers for Backstage {
                     .handle(command, &mut |report| self.report(Report::Session(report)));
             }
             WorkerCommand::Jobs(_) => self.jobs.lock().unwrap().as_mut().unwrap().send(command),
-            WorkerCommand::EndSession | WorkerCommand::UseWorldModel(_) => {}
+            WorkerCommand::EndSession | WorkerCommand::UseWorldModel(_) | WorkerCommand::Previewer(_) => {}
             command => {
                 if let WorkerCommand::Clipper(ClipperCommand::Decode(query)) = &command
                     && self.draws.load(Ordering::Relaxed)

@@ -145,6 +145,7 @@ impl App {
     }
 
     fn start_dream(&mut self) {
+        self.state.guide.is_offering = false;
         if self.state.opening.is_some() {
             return self.warn("one moment: the session is being opened".to_owned());
         }

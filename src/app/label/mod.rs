@@ -101,6 +101,8 @@ pub enum LabelCommand {
     Faster(bool),
     /// Plays clips at so many frames a second.
     Speed(f64),
+    /// Shows a few still pictures of a clip after each other, or lets it move.
+    ReduceMotion(bool),
 }
 
 /// Answering.
@@ -129,6 +131,8 @@ pub(crate) struct Labeling {
     pub is_standing: bool,
     /// Frames a second, where the world has [`NORMAL_SPEED`] or more: see [`State::clip_rate`].
     pub speed: f64,
+    /// Whether a few still pictures of a clip are shown after each other, for whoever does not like what moves.
+    pub is_motion_reduced: bool,
     /// Whether the questions come one at a time.
     pub is_guided: bool,
     /// When queries are drawn again after one could not be written down, in seconds since the window opened.
@@ -186,6 +190,7 @@ impl Default for Labeling {
             loops: 0,
             is_standing: false,
             speed: NORMAL_SPEED,
+            is_motion_reduced: false,
             is_guided: false,
             ask_again_at: 0.0,
             is_list_open: false,
@@ -209,9 +214,10 @@ impl Default for Labeling {
 impl Labeling {
     /// For another session: what the annotator likes stays.
     pub(crate) fn anew(&self) -> Self {
-        let Self { speed, is_guided, budget, break_minutes, selection, ref clock, .. } = *self;
-        let clock = clock.clone();
-        Self { speed, is_guided, budget, break_minutes, clock, selection, ..Self::default() }
+        let Self { speed, is_motion_reduced, is_guided, budget, break_minutes, selection, .. } = *self;
+        let clock = self.clock.clone();
+        let fresh = Self { speed, is_motion_reduced, is_guided, ..Self::default() };
+        Self { budget, break_minutes, clock, selection, ..fresh }
     }
 }
 
@@ -266,16 +272,27 @@ impl State {
 
     /// Frames a second at which clips are played.
     pub(crate) fn clip_rate(&self) -> f64 {
-        self.label.speed * (self.spec.rate / NORMAL_SPEED).min(1.0)
+        let still = if self.label.is_motion_reduced { STILL_PACE } else { 1.0 };
+        self.label.speed * (self.spec.rate / NORMAL_SPEED).min(1.0) * still
     }
 
     /// The frame that is seen.
     pub(crate) fn frame(&self) -> usize {
         // What is played stands at its end for a moment; what is held can be anywhere.
         let last = if self.label.is_standing { SEGMENT_LEN } else { self.span().end as usize };
-        (self.label.playhead as usize).min(last - 1)
+        let at = (self.label.playhead as usize).min(last - 1);
+        if !self.label.is_motion_reduced || self.label.is_standing || at == last - 1 {
+            return at;
+        }
+        let first = self.span().start as usize;
+        first + at.saturating_sub(first) / STILL * STILL
     }
 }
+
+/// Frames of a clip for which one of its pictures stands, where motion is reduced.
+const STILL: usize = 5;
+/// How much slower it goes then: at the usual speed a picture stands for 0.8 s.
+const STILL_PACE: f64 = 0.25;
 
 /// The frames of a clip that are played over and over, where a transition with its outcome in this frame is asked about.
 pub(crate) fn run_up(outcome: usize) -> Range<usize> {
@@ -342,6 +359,7 @@ impl App {
                 let faster = SPEEDS.iter().find(|speed| **speed > label.speed);
                 label.speed = *(if is_faster { faster } else { slower }).unwrap_or(&label.speed);
             }
+            LabelCommand::ReduceMotion(is_reduced) => label.is_motion_reduced = is_reduced,
             LabelCommand::Speed(speed) => label.speed = speed.clamp(SPEEDS[0], SPEEDS[SPEEDS.len() - 1]),
         }
     }

@@ -100,8 +100,9 @@ impl App {
     }
 
     pub(super) fn rollout_seen(&mut self, view: RolloutView) {
-        let record = &mut self.state.record;
-        if record.is_on && record.rollout.asked.is_some() {
+        if self.state.record.is_on && self.state.record.rollout.asked.is_some() {
+            self.remember_beside(&view);
+            let record = &mut self.state.record;
             record.rollout.picture = Some(Picture::from(&view.frame));
             record.rollout.receive(view);
         }

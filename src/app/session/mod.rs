@@ -202,6 +202,8 @@ impl App {
             JobReport::Compared(dir, annotators) => self.annotators_compared(&dir, annotators),
             JobReport::Made(dir, said) => self.session_made(dir, said),
             JobReport::Recordings(dir, said) => self.recordings_found(&dir, said),
+            JobReport::Practice(made) => self.practice_made(made),
+            JobReport::ClipWritten(written) => self.clip_written(written),
             JobReport::Failed(error) => self.job_failed(&error),
         }
     }

@@ -13,7 +13,7 @@ use crate::ui::command::Commands;
 use crate::ui::input;
 use crate::ui::settings::keymap::KeyAction;
 use crate::ui::tokens::{self, GAP, Tokens};
-use crate::ui::widgets::clip::{Rim, picture_ui};
+use crate::ui::widgets::clip::{Rim, clip_button_ui, picture_ui};
 use crate::ui::widgets::keycap::{KeyButton, Tone};
 use crate::ui::widgets::layout::{dream_shape, fitting, within};
 use crate::ui::widgets::strip::{Strip, promises_ui, strip_ui};
@@ -35,6 +35,7 @@ pub(in crate::ui) fn review_ui(ui: &mut Ui, state: &View<'_>, commands: &mut Com
         if response.clicked() || input::pressed(ui, Key::Delete) {
             commands.push(Command::Dream(DreamCommand::Delete(id)));
         }
+        clip_button_ui(ui, state, commands);
         let close =
             KeyButton::new("Close").key(state.settings.keys.of(KeyAction::Leave)).tone(Tone::Quiet).small();
         if close.is_pressed(ui) {

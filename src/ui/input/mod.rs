@@ -385,6 +385,22 @@ pub(crate) fn chord(ui: &Ui, key: Key, shift: bool) -> bool {
     is_live && !ctx.text_edit_focused() && ctx.input(|input| input.events.iter().any(is_wanted))
 }
 
+/// Whether somebody asks for the list of keys, by `?`, `/` or F1.
+///
+/// Whoever lets go of Shift first has released `/` and not `?`, which counts as held from then on: that it is pressed
+/// again looks like a repetition.
+pub(crate) fn asks_for_help(ui: &Ui) -> bool {
+    let ctx = ui.ctx();
+    let is_live = ctx.data(|data| data.get_temp(Id::unique("keys are live")).unwrap_or(true));
+    let is_wanted = |event: &Event| match event {
+        Event::Key { key, pressed: true, modifiers, .. } => {
+            matches!(key, Key::Questionmark | Key::Slash | Key::F1) && !modifiers.command && !modifiers.alt
+        }
+        _ => false,
+    };
+    is_live && !ctx.text_edit_focused() && ctx.input(|input| input.events.iter().any(is_wanted))
+}
+
 fn is_press(event: &Event, wanted: Key) -> bool {
     match event {
         Event::Key { key, pressed: true, repeat: false, modifiers, .. } => {

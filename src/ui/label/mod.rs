@@ -11,18 +11,19 @@ mod trajectories;
 use eframe::egui::{Align, Key, Layout, Rect, RichText, Ui, UiBuilder, pos2, vec2};
 
 use crate::app::label::{NORMAL_SPEED, PREFERENCES, verdict_name};
-use crate::app::{Command, LabelCommand, Panel, SessionCommand, WindowCommand};
+use crate::app::{Command, GuideCommand, LabelCommand, Panel, SessionCommand, WindowCommand};
 use crate::query::{
     Active, Preference, Protocol, QueryId, Response, SEGMENT_LEN, SafetyAnswer, SkipReason, Verdict,
 };
 use crate::ui::View;
 use crate::ui::command::Commands;
+use crate::ui::guide;
 use crate::ui::input;
 use crate::ui::label::progress::progress_ui;
 use crate::ui::label::protocol::protocol_ui;
 use crate::ui::settings::keymap::KeyAction;
 use crate::ui::tokens::{self, CONTROL, GAP, Tokens};
-use crate::ui::widgets::clip::{Rim, picture_ui, timeline_ui};
+use crate::ui::widgets::clip::{Rim, clip_button_ui, picture_ui, timeline_ui};
 use crate::ui::widgets::keycap::{KeyButton, Tone};
 use crate::ui::widgets::layout::{dream_shape, heading, with_side, within};
 use crate::world::EventKind;
@@ -40,6 +41,13 @@ pub(in crate::ui) fn label_ui(ui: &mut Ui, state: &View<'_>, commands: &mut Comm
         if KeyButton::new("Go and dream").tone(Tone::Primary).is_pressed(ui) {
             commands.push(Command::Window(WindowCommand::Show(Panel::Dream)));
         }
+        if state.has_example() && state.open.is_none() {
+            let is_free = !state.guide.is_preparing && state.opening.is_none() && state.world.loaded.is_some();
+            let practice = KeyButton::new("Answer twenty questions about an example").enabled(is_free);
+            if practice.is_pressed(ui) {
+                commands.push(Command::Guide(GuideCommand::Practice));
+            }
+        }
         ui.add_space(GAP);
         ui.label(tokens::small(ui, "Or judge single steps of trajectories that are made for you"));
         if KeyButton::new("ReQueST").is_pressed(ui) {
@@ -51,6 +59,8 @@ pub(in crate::ui) fn label_ui(ui: &mut Ui, state: &View<'_>, commands: &mut Comm
                 Command::Session(SessionCommand::New(request))
             });
         }
+        ui.add_space(GAP);
+        guide::clips_to_come_ui(ui, state);
         return;
     }
     if is_list_shown(ui, state) {
@@ -382,6 +392,7 @@ fn foot_ui(
                 commands.push(command);
             }
         }
+        clip_button_ui(ui, state, commands);
         ui.with_layout(Layout::right_to_left(Align::Center), |ui| {
             modes_ui(ui, state, commands);
             if has_playback {

@@ -17,7 +17,7 @@ const BAR: f32 = 72.0;
 /// How far one is, how fast, and how long it will take; a click sets another budget.
 pub(in crate::ui) fn progress_ui(ui: &mut Ui, state: &View<'_>, commands: &mut Commands) {
     let so_far = state.session().map(Session::statistics).unwrap_or_default();
-    let budget = state.label.budget;
+    let budget = state.budget();
     let button = Button::new(tokens::small(ui, budget.say(&so_far))).frame(false);
     let (menu, _) = MenuButton::from_button(button).ui(ui, |ui| {
         ui.label(tokens::small(ui, "Label so much"));

@@ -12,7 +12,7 @@ use crate::ui::dream::{banner, hand_over_button};
 use crate::ui::record::rollout_comparison::{dream_beside_ui, drift_ui};
 use crate::ui::settings::keymap::KeyAction;
 use crate::ui::tokens::{self, GAP, Tokens};
-use crate::ui::widgets::clip::{Rim, picture_ui};
+use crate::ui::widgets::clip::{Rim, clip_button_ui, picture_ui};
 use crate::ui::widgets::field::{field_ui, path_ui};
 use crate::ui::widgets::gauge::{action_ui, figure_ui, row_color_ui, status_ui};
 use crate::ui::widgets::keycap::{KeyButton, Tone};
@@ -63,7 +63,8 @@ fn stage_ui(ui: &mut Ui, state: &View<'_>, commands: &mut Commands) {
         "Press Record, then act with keys or a gamepad."
     };
     let rim = if is_paused { Rim::Accent } else { Rim::Plain };
-    let picture = record.picture.as_ref().filter(|_| live.is_some());
+    let to_come = state.scene(Field::RecordSeed).filter(|_| !record.is_on);
+    let picture = record.picture.as_ref().filter(|_| live.is_some()).or(to_come);
     ui.horizontal(|ui| {
         ui.spacing_mut().item_spacing.x = gap;
         let response = picture_ui(ui, picture, vec2(height * scene, height), &label, empty, rim);
@@ -71,6 +72,8 @@ fn stage_ui(ui: &mut Ui, state: &View<'_>, commands: &mut Commands) {
             banner(ui, response.rect, record.why_paused.unwrap_or("Paused"));
         } else if live.is_some_and(|live| live.is_planned) {
             banner(ui, response.rect, "The planner acts");
+        } else if to_come.is_some() {
+            banner(ui, response.rect, empty);
         }
         if is_beside {
             dream_beside_ui(ui, state, height);
@@ -86,6 +89,9 @@ fn stage_ui(ui: &mut Ui, state: &View<'_>, commands: &mut Commands) {
             let button = KeyButton::new("Record").key(begin).tone(Tone::Primary).width(150.0);
             if button.enabled(!state.is_recorded_only()).is_pressed(ui) {
                 commands.push(Command::Record(RecordCommand::Start));
+            }
+            if state.has_clip() {
+                clip_button_ui(ui, state, commands);
             }
             return;
         }

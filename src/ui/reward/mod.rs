@@ -11,6 +11,7 @@ use crate::session::Session;
 use crate::ui::View;
 use crate::ui::command::Commands;
 use crate::ui::dream::review::judged_ui;
+use crate::ui::guide;
 use crate::ui::settings::keymap::KeyAction;
 use crate::ui::tokens::{self, GAP, Tokens};
 use crate::ui::widgets::curve::{Curve, curves_ui};
@@ -28,6 +29,8 @@ pub(in crate::ui) fn reward_ui(ui: &mut Ui, state: &View<'_>, commands: &mut Com
         if KeyButton::new("Go and label").tone(Tone::Primary).is_pressed(ui) {
             commands.push(Command::Window(WindowCommand::Show(Panel::Label)));
         }
+        ui.add_space(GAP);
+        guide::curves_to_come_ui(ui);
         return;
     }
     let main = |ui: &mut Ui, commands: &mut Commands| learned_ui(ui, state, commands);

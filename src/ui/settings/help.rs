@@ -1,8 +1,8 @@
 //! Every key of every panel, which can be changed here, and who draws the window.
 
-use eframe::egui::{Event, Grid, Id, Key, Modal, PointerButton, RichText, ScrollArea, Slider, Ui};
+use eframe::egui::{Align, Event, Grid, Id, Key, Layout, Modal, PointerButton, RichText, ScrollArea, Slider, Ui};
 
-use crate::app::{Command, WindowCommand};
+use crate::app::{Command, GuideCommand, LabelCommand, WindowCommand};
 use crate::ui::View;
 use crate::ui::command::Commands;
 use crate::ui::settings::SettingsCommand;
@@ -67,6 +67,7 @@ pub(in crate::ui) fn help_ui(ui: &mut Ui, state: &View<'_>, commands: &mut Comma
                     commands.push(SettingsCommand::ShowGamepad(is_pad));
                 }
             }
+            ui.with_layout(Layout::right_to_left(Align::Center), |ui| motion_ui(ui, state, commands));
         });
         if state.settings.is_gamepad_shown {
             ui.label(tokens::muted(ui, told(state)));
@@ -90,6 +91,7 @@ pub(in crate::ui) fn help_ui(ui: &mut Ui, state: &View<'_>, commands: &mut Comma
             ui.add_space(GAP);
             ui.label(tokens::small(ui, "Ctrl and 1 to 6 go to a panel; Ctrl+Z undoes an answer, Ctrl+Shift+Z or Ctrl+Y gives it back. Looking at a kept dream: Page Up and Page Down for others, Delete deletes it."));
             ui.label(tokens::small(ui, ON_SEEING));
+            ui.label(tokens::small(ui, "Ctrl and + or − make everything larger or smaller, Ctrl+0 as it was. Tab goes from one control to the next, Space or Enter presses it."));
             ui.add_space(GAP);
             ui.label(tokens::small(ui, format!("dropj {} · drawn by {}", env!("CARGO_PKG_VERSION"), state.settings.adapter)));
         });
@@ -97,6 +99,12 @@ pub(in crate::ui) fn help_ui(ui: &mut Ui, state: &View<'_>, commands: &mut Comma
         ui.horizontal(|ui| {
             if KeyButton::new("Close").key(Key::Escape).tone(Tone::Quiet).show(ui).clicked() {
                 commands.push(Command::Window(WindowCommand::ToggleHelp));
+            }
+            if KeyButton::new("How to begin").tone(Tone::Quiet).show(ui).clicked() {
+                commands.push(Command::Guide(GuideCommand::Offer(true)));
+            }
+            if KeyButton::new("Show hints again").tone(Tone::Quiet).show(ui).clicked() {
+                commands.push(Command::Guide(GuideCommand::TeachAgain));
             }
             if KeyButton::new("Back to the first keys").tone(Tone::Quiet).show(ui).clicked() {
                 commands.push(SettingsCommand::Reset);
@@ -113,6 +121,15 @@ pub(in crate::ui) fn help_ui(ui: &mut Ui, state: &View<'_>, commands: &mut Comma
             commands.push(Command::Window(WindowCommand::ToggleHelp));
         }
         _ => {}
+    }
+}
+
+/// Whether anything moves that does not have to.
+fn motion_ui(ui: &mut Ui, state: &View<'_>, commands: &mut Commands) {
+    let mut is_reduced = state.label.is_motion_reduced;
+    let about = "Clips show a few still pictures one after the other, and nothing in the window slides";
+    if ui.checkbox(&mut is_reduced, "Less motion").on_hover_text(about).changed() {
+        commands.push(Command::Label(LabelCommand::ReduceMotion(is_reduced)));
     }
 }
 

@@ -15,7 +15,7 @@ use serde::de::value::{Error, StrDeserializer};
 use serde::de::{DeserializeOwned, IntoDeserializer as _};
 
 use crate::app::label::{BREAK_MINUTES, MOST_HELD_BACK, MOST_REPEATS, NORMAL_SPEED};
-use crate::app::{Budget, Command, Field, LabelCommand, QuerySelection, State, WindowCommand};
+use crate::app::{Budget, Command, Field, GuideCommand, Hint, LabelCommand, QuerySelection, State, WindowCommand};
 use crate::ui::input::PadButton;
 use crate::ui::settings::Settings;
 use crate::ui::settings::gamepad::Buttons;
@@ -68,6 +68,9 @@ pub struct Preferences {
     break_minutes: u32,
     #[serde(rename = "asking")]
     selection: QuerySelection,
+    is_motion_reduced: bool,
+    /// The hints that were seen.
+    hints: BTreeSet<Hint>,
     /// Fields that a newer program has written, and how.
     #[serde(skip)]
     unknown: Vec<(String, String)>,
@@ -113,6 +116,8 @@ impl Default for Preferences {
             budget: Budget::default(),
             break_minutes: BREAK_MINUTES,
             selection: QuerySelection::default(),
+            is_motion_reduced: false,
+            hints: BTreeSet::new(),
             unknown: Vec::new(),
         }
     }
@@ -158,6 +163,8 @@ impl Preferences {
                 let minutes = whole(&value, BREAKS).map(|minutes| minutes as u32);
                 problems.put(&name, &mut self.break_minutes, minutes);
             }
+            "is_motion_reduced" => problems.put(&name, &mut self.is_motion_reduced, truth(&value)),
+            "hints" => problems.put(&name, &mut self.hints, hints(&value)),
             "asking" => selection(&mut self.selection, &value, problems),
             _ => {
                 let what = "this program does not know it, and keeps it as it is".to_owned();
@@ -195,6 +202,8 @@ impl Preferences {
             budget: state.label.budget,
             break_minutes: state.label.break_minutes,
             selection: state.label.selection,
+            is_motion_reduced: state.label.is_motion_reduced,
+            hints: state.guide.seen.clone(),
             unknown: Vec::new(),
         }
     }
@@ -211,9 +220,11 @@ impl Preferences {
             LabelCommand::Budget(self.budget),
             LabelCommand::BreakAfter(self.break_minutes),
             LabelCommand::SelectQueries(self.selection),
+            LabelCommand::ReduceMotion(self.is_motion_reduced),
         ];
+        let guide = Command::Guide(GuideCommand::Teach(self.hints));
         let annotator = Command::Window(WindowCommand::Edit(Field::Annotator, self.annotator));
-        label.into_iter().map(Command::Label).chain([annotator]).collect()
+        label.into_iter().map(Command::Label).chain([annotator, guide]).collect()
     }
 }
 
@@ -227,7 +238,9 @@ impl Leftover {
         settings: &mut Settings,
     ) -> Vec<Command> {
         let Some(storage) = storage else { return Vec::new() };
-        let Some(text) = storage.get_string(NAME) else { return Vec::new() };
+        let Some(text) = storage.get_string(NAME) else {
+            return vec![Command::Guide(GuideCommand::FirstStart)];
+        };
         let (preferences, problems) = Preferences::read(&text);
         self.unknown.clone_from(&preferences.unknown);
         let kept = |name: &&str| storage.get_string(name).map(|kept| Preferences::read(&kept).0);
@@ -593,6 +606,12 @@ fn selection(selection: &mut QuerySelection, value: &Value, problems: &mut Probl
     }
 }
 
+/// Hints by their names; those of a newer program are left out.
+fn hints(value: &Value) -> Result<BTreeSet<Hint>, String> {
+    let Value::List(names) = value else { return Err("it is no list of hints".to_owned()) };
+    Ok(names.iter().filter_map(|name| named::<Hint>(name).ok()).collect())
+}
+
 /// Deeds with what they are done by, by their full names.
 fn by_deed<'a>(
     field: &str,
@@ -760,6 +779,8 @@ mod tests {
             budget: Budget::Minutes(60),
             break_minutes: 0,
             selection: QuerySelection { repeats: 10, held_back: 20, ..QuerySelection::default() },
+            is_motion_reduced: true,
+            hints: BTreeSet::from([Hint::Drive, Hint::Fit]),
             unknown: Vec::new(),
         }
     }
@@ -801,6 +822,8 @@ mod tests {
             ("\"A\":J", "\"A\":F1", "moves.A"),
             ("curve:2.5", "curve:-3", "controls.curve"),
             ("again:10", "again:99", "asking.again"),
+            ("is_motion_reduced:true", "is_motion_reduced:1", "is_motion_reduced"),
+            ("hints:[Drive,Fit]", "hints:Drive", "hints"),
             ("Keep:East", "Keep:East,Keep:East", "pads.Keep"),
         ] {
             assert!(text.contains(good), "{good} in {text}");

@@ -10,8 +10,11 @@ use eframe::egui::{
     pos2, vec2,
 };
 
-use crate::app::Picture;
+use crate::app::{Command, Picture, WindowCommand};
+use crate::ui::View;
+use crate::ui::command::Commands;
 use crate::ui::tokens::Tokens;
+use crate::ui::widgets::keycap::{KeyButton, Tone};
 
 /// The pictures that are on the graphics card: those of the last frames, and places for others of their shapes.
 #[derive(Default)]
@@ -96,6 +99,15 @@ pub(crate) enum Rim {
     Accent,
 }
 
+/// A button that saves what is seen on the panel as a GIF.
+pub(crate) fn clip_button_ui(ui: &mut Ui, state: &View<'_>, commands: &mut Commands) {
+    let button = KeyButton::new("GIF…").tone(Tone::Quiet).small().enabled(state.has_clip());
+    let response = button.show(ui).on_hover_text("Save what is seen here as a GIF");
+    if response.clicked() {
+        commands.push(Command::Window(WindowCommand::SaveClip));
+    }
+}
+
 /// Draws a picture, as large as `size` allows, or an empty stage that says why it is empty.
 pub(crate) fn picture_ui(
     ui: &mut Ui,
@@ -141,6 +153,31 @@ pub(crate) fn paint_picture(ui: &Ui, picture: Option<&Picture>, rect: Rect, empt
         painter.galley(at.min, galley, tokens.muted);
     }
     painter.rect_stroke(rect, corner, Stroke::new(width, color), StrokeKind::Outside);
+    badge(ui, rect, rim);
+}
+
+/// What the color of a rim says, as a shape in its corner: a check mark, or a cross.
+fn badge(ui: &Ui, rect: Rect, rim: Rim) {
+    let tokens = Tokens::of(ui);
+    let color = match rim {
+        Rim::Good => tokens.good,
+        Rim::Bad => tokens.bad,
+        Rim::Plain | Rim::Accent => return,
+    };
+    // On a small picture the mark is small, too.
+    let unit = (rect.height() / 60.0).clamp(0.6, 2.0);
+    let center = rect.right_top() + vec2(-9.0, 9.0) * unit;
+    let at = |x: f32, y: f32| center + vec2(x, y) * unit;
+    ui.painter().circle_filled(center, 7.0 * unit, color);
+    let ink = Stroke::new(1.6 * unit, tokens.background);
+    let lines = if rim == Rim::Good {
+        [[at(-3.2, 0.2), at(-0.9, 2.6)], [at(-0.9, 2.6), at(3.4, -2.6)]]
+    } else {
+        [[at(-2.6, -2.6), at(2.6, 2.6)], [at(-2.6, 2.6), at(2.6, -2.6)]]
+    };
+    for line in lines {
+        ui.painter().line_segment(line, ink);
+    }
 }
 
 /// A line under clips: one tick a frame, those played brighter, a `marked` one brightest; where it is dragged or clicked, the frame that is

@@ -1,7 +1,7 @@
 //! Curves over time.
 
 use eframe::egui::{Color32, FontId, Rangef, RichText, Ui, Vec2b};
-use egui_plot::{Corner, HLine, Legend, Line, Plot, PlotPoints};
+use egui_plot::{Corner, HLine, Legend, Line, LineStyle, Plot, PlotPoints};
 
 use crate::ui::tokens::{self, Tokens};
 
@@ -60,9 +60,11 @@ pub(crate) fn curves_ui(
             if let Some((name, y)) = level {
                 plot.hline(HLine::new(name, y).color(tokens.faint).width(1.0));
             }
-            for curve in curves {
+            // Told apart by their shape as well as by their color.
+            let styles = [LineStyle::Solid, LineStyle::dashed_loose(), LineStyle::dotted_dense()];
+            for (curve, style) in curves.iter().zip(styles.into_iter().cycle()) {
                 let points = PlotPoints::from(curve.points.to_vec());
-                plot.line(Line::new(curve.name, points).color(curve.color).width(1.8));
+                plot.line(Line::new(curve.name, points).color(curve.color).width(1.8).style(style));
             }
         });
     });
