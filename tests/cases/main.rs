@@ -16,5 +16,6 @@ mod numbers;
 mod run_files;
 mod sessions;
 mod starting;
+mod told;
 #[cfg(target_os = "linux")]
 mod window;
