@@ -1,5 +1,6 @@
 //! The planner acts in the real world.
 
+use crate::app::clips::Replay;
 use crate::app::{App, Field, Picture};
 use crate::evaluation::EpisodeMetrics;
 use crate::worker::{DeployReport, DriveView, DriverCommand, WorkerCommand};
@@ -39,7 +40,7 @@ impl App {
                 // A world in a process takes its time until the first of them.
                 (deploy.view, deploy.picture) = (None, None);
                 deploy.candidates.clear();
-                self.state.clips.deployed = Default::default();
+                self.state.clips.deployed = Replay::default();
                 self.send(WorkerCommand::Driver(DriverCommand::Drive { seed }));
             }
             DeployCommand::Pause => {

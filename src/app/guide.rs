@@ -84,10 +84,7 @@ impl Hint {
             Self::GoOn => panel == Panel::Label && is_shown && (A_FEW..N_PRACTICED).contains(&n_answered),
             Self::Learned => panel == Panel::Label && n_answered >= N_PRACTICED && n_fits == 0,
             Self::Fit => {
-                panel == Panel::Reward
-                    && n_answered >= MIN_LABELS
-                    && n_fits == 0
-                    && !state.reward.is_fitting
+                panel == Panel::Reward && n_answered >= MIN_LABELS && n_fits == 0 && !state.reward.is_fitting
             }
             Self::Deploy => matches!(panel, Panel::Reward | Panel::Label) && n_fits > 0 && has_reward,
             Self::Futures => panel == Panel::Deploy && has_reward && !state.is_recorded_only(),

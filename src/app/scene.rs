@@ -26,17 +26,7 @@ impl App {
     ///
     /// Only of worlds that are a part of this program: nobody's robot moves because a panel is looked at.
     pub(super) fn advance_scene(&mut self) {
-        let field = match self.state.panel {
-            _ if self.state.guide.is_offering => Field::DeploySeed,
-            Panel::Record if !self.state.record.is_on => Field::RecordSeed,
-            Panel::Deploy if !self.state.deploy.is_on => Field::DeploySeed,
-            Panel::Record
-            | Panel::World
-            | Panel::Dream
-            | Panel::Label
-            | Panel::Reward
-            | Panel::Deploy => return,
-        };
+        let Some(field) = self.seed_shown() else { return };
         if self.state.spec.source.kind != SourceKind::BuiltIn {
             return;
         }
@@ -44,6 +34,18 @@ impl App {
         if self.state.scenes.asked != Some(seed) {
             self.state.scenes.asked = Some(seed);
             self.send(WorkerCommand::Previewer(PreviewerCommand::Show(seed)));
+        }
+    }
+
+    /// Where the seed is typed of the episode whose scene is to be seen, if one is.
+    fn seed_shown(&self) -> Option<Field> {
+        if self.state.guide.is_offering {
+            return Some(Field::DeploySeed);
+        }
+        match self.state.panel {
+            Panel::Record => Some(Field::RecordSeed).filter(|_| !self.state.record.is_on),
+            Panel::Deploy => Some(Field::DeploySeed).filter(|_| !self.state.deploy.is_on),
+            Panel::World | Panel::Dream | Panel::Label | Panel::Reward => None,
         }
     }
 

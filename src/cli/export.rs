@@ -21,7 +21,7 @@ pub(crate) struct Options {
     #[arg(long, required_unless_present = "hub")]
     torchscript: bool,
     #[command(flatten)]
-    hub: hub::Options,
+    hub: hub::HubOptions,
     /// The world model to write
     #[arg(long)]
     world: Option<PathBuf>,
@@ -56,7 +56,7 @@ Actions are as driven. All but frames is float32.";
 
 pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
     let form = options.form;
-    let Options { world, reward: learned, hub: hub::Options { hub, data, results }, .. } = options;
+    let Options { world, reward: learned, hub: hub::HubOptions { hub, data, results }, .. } = options;
     if let Some(folder) = hub {
         let item = match (data, world, learned) {
             (Some(data), ..) => Item::Recordings(data),

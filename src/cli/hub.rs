@@ -292,7 +292,7 @@ fn flatten(value: &Value, way: &str, rows: &mut Vec<(String, String)>) {
 
 /// The folder that `--hub` names and what goes into it.
 #[derive(Debug, clap::Args)]
-pub(crate) struct Options {
+pub(crate) struct HubOptions {
     /// Write a folder that the Hugging Face Hub and its clients take: for recordings, a world model or a reward; there must
     /// be nothing yet
     #[arg(long, value_name = "FOLDER", conflicts_with = "torchscript")]

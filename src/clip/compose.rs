@@ -140,6 +140,10 @@ mod tests {
         assert_eq!(at(&all, 10, 136), [250; 3], "three times as large");
         let framed = |i: u32| at(&all, 256 + 8 + i % 5 * 92, i / 5 * 92);
         assert_eq!((framed(6), framed(7)), (Border::Better.at(0), GROUND));
-        assert_eq!(futures(&one(84, 84, 250), &[], 0).size(), one(84, 84, 0).size(), "nothing is planned yet");
+        assert_eq!(
+            futures(&one(84, 84, 250), &[], 0).size(),
+            one(84, 84, 0).size(),
+            "nothing is planned yet"
+        );
     }
 }

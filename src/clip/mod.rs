@@ -145,7 +145,10 @@ mod tests {
         assert_eq!(Clip::half_as_fast(clip(100), 50.0, 1).millis, 40);
         assert_eq!(Clip::at_pace(clip(100), 50.0, 4).millis, 80);
         assert_eq!(Clip::at_pace(clip(100), 1000.0, 1).millis, 20);
-        assert_eq!((Clip::at_pace(clip(100), 50.0, 1).scale, Clip::at_pace(clip(600), 50.0, 1).scale), (3, 1));
+        assert_eq!(
+            (Clip::at_pace(clip(100), 50.0, 1).scale, Clip::at_pace(clip(600), 50.0, 1).scale),
+            (3, 1)
+        );
         assert!(matches!(Clip::at_pace(Vec::new(), 50.0, 1).gif(), Err(ClipError::Empty)));
     }
 

@@ -171,7 +171,9 @@ pub(super) fn read(stream: &mut TcpStream, until: Instant) -> Result<Option<Requ
             // Browsers connect ahead of what they will ask.
             Ok(0) | Err(_) if bytes.is_empty() => return Ok(None),
             Ok(0) => return Err(Refused::new(400, "the request ends before its head does")),
-            read => drop(read?),
+            read => {
+                read?;
+            }
         }
     };
     if n_body > MOST_OF_A_BODY {

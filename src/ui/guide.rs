@@ -1,6 +1,8 @@
 //! How to begin: three cards at a first start, and hints above the status bar.
 
-use eframe::egui::{Align, Key, Label, Layout, Rect, Role, Sense, Ui, UiBuilder, Vec2, WidgetInfo, pos2, vec2};
+use eframe::egui::{
+    Align, Key, Label, Layout, Rect, Role, Sense, Ui, UiBuilder, Vec2, WidgetInfo, pos2, vec2,
+};
 
 use crate::app::{Command, Field, GuideCommand, Hint, Panel, Picture, WindowCommand};
 use crate::session::N_PRACTICED;
@@ -15,7 +17,7 @@ use crate::ui::widgets::layout::{card, dream_shape, within};
 use crate::world::Axis;
 
 /// Cards narrower than this stand under each other.
-const NARROWEST: f32 = 216.0;
+const NARROWEST: f32 = 190.0;
 
 /// What a card offers.
 struct Offer<'a> {
@@ -32,7 +34,8 @@ struct Offer<'a> {
 /// Three ways to begin.
 pub(super) fn welcome_ui(ui: &mut Ui, state: &View<'_>, commands: &mut Commands) {
     ui.label(tokens::title("How do you want to begin?"));
-    let about = "Drive in a dream, compare short clips of it, and a reward is learned that a planner drives by.";
+    let about =
+        "Drive in a dream, compare short clips of it, and a reward is learned that a planner drives by.";
     ui.label(tokens::muted(ui, about));
     ui.add_space(GAP);
     let offers = offers(state);
@@ -152,7 +155,10 @@ pub(super) fn clips_to_come_ui(ui: &mut Ui, state: &View<'_>) {
     let room = vec2(ui.available_width().min(620.0), (ui.available_height() - 40.0).clamp(80.0, 300.0));
     let thumbnail = |i: usize| state.dream.thumbnails.get(i).and_then(Option::as_ref);
     ui.allocate_ui(room, |ui| pictures_ui(ui, state, &[thumbnail(0), thumbnail(1)], room.y));
-    ui.label(tokens::small(ui, "So it will look: two clips of what was dreamed, and one key for what you say."));
+    ui.label(tokens::small(
+        ui,
+        "So it will look: two clips of what was dreamed, and one key for what you say.",
+    ));
 }
 
 /// What is learned will be seen like this: a curve that falls, drawn faintly, for it is only an example.
@@ -224,12 +230,7 @@ fn way_of(hint: Hint) -> Option<(&'static str, Panel)> {
         Hint::Again => Some(("Go and label", Panel::Label)),
         Hint::Learned => Some(("Look at Reward", Panel::Reward)),
         Hint::Deploy => Some(("Go and deploy", Panel::Deploy)),
-        Hint::Drive
-        | Hint::Answer
-        | Hint::Justify
-        | Hint::GoOn
-        | Hint::Fit
-        | Hint::Futures => None,
+        Hint::Drive | Hint::Answer | Hint::Justify | Hint::GoOn | Hint::Fit | Hint::Futures => None,
     }
 }
 
@@ -299,12 +300,18 @@ fn answer_of(state: &View<'_>, key: &dyn Fn(KeyAction) -> String) -> String {
             key(KeyAction::OnlyRight),
             key(KeyAction::Neither)
         ),
-        Protocol::Drop => format!("Watch both clips, then press one key: {left} or {right} for the better one."),
+        Protocol::Drop => {
+            format!("Watch both clips, then press one key: {left} or {right} for the better one.")
+        }
         Protocol::Drope | Protocol::DropjMulti => {
-            format!("Watch both clips, then press one key: {left} or {right} for the better one, {equal} if they are equal.")
+            format!(
+                "Watch both clips, then press one key: {left} or {right} for the better one, {equal} if they are equal."
+            )
         }
         Protocol::Request | Protocol::Dros => {
-            format!("Watch the clip to its end, then judge its last step: {left} unsafe, {right} good, {equal} neither.")
+            format!(
+                "Watch the clip to its end, then judge its last step: {left} unsafe, {right} good, {equal} neither."
+            )
         }
     }
 }

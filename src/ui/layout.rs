@@ -6,7 +6,9 @@ use crate::app::{Command, Panel, WindowCommand};
 use crate::ui::command::Commands;
 use crate::ui::settings::help;
 use crate::ui::tokens::{PAD, Tokens};
-use crate::ui::{View, deploy, dream, guide, input, label, rail, record, reward, session, status, world_model};
+use crate::ui::{
+    View, deploy, dream, guide, input, label, rail, record, reward, session, status, world_model,
+};
 
 /// The whole window.
 pub(super) fn window_ui(ui: &mut Ui, state: &View<'_>, commands: &mut Commands) {

@@ -82,7 +82,17 @@ macro_rules! met {
     };
 }
 
-met!(TaskError, ClipError, OpenError, WorldModelError, RewardError, DatasetError, SessionError, RunError, NotFinite);
+met!(
+    TaskError,
+    ClipError,
+    OpenError,
+    WorldModelError,
+    RewardError,
+    DatasetError,
+    SessionError,
+    RunError,
+    NotFinite
+);
 
 impl WorkerError {
     /// That it ended what it was doing, where nothing more is known of it.

@@ -49,15 +49,15 @@ use crate::world::{Action, Frame, World, WorldError};
 pub use channel::{Inbox, Reports};
 pub use command::{
     ClipSource, ClipperCommand, DeployedMoment, DreamInspectorCommand, DreamerCommand, DriverCommand,
-    EpisodeBrowserCommand, FolderCheck, JobCommand, ModelerCommand, PreviewerCommand, RecorderCommand, ScreenerCommand, SessionWriterCommand, SynthesizerCommand,
-    TrainerCommand, WorkerCommand,
+    EpisodeBrowserCommand, FolderCheck, JobCommand, ModelerCommand, PreviewerCommand, RecorderCommand,
+    ScreenerCommand, SessionWriterCommand, SynthesizerCommand, TrainerCommand, WorkerCommand,
 };
 pub use crew::Crew;
 pub use read_ahead::read_ahead;
 pub use report::{
     Cause, DeployReport, DreamReport, DreamStart, Dropped, JobReport, LabelReport, Learning, LoadedWorld,
-    RecordReport, Report, RewardReport, SceneReport, SessionItem, SessionReport, WorkerError, WorkerFailure, WorkerName,
-    WorldModelReport,
+    RecordReport, Report, RewardReport, SceneReport, SessionItem, SessionReport, WorkerError, WorkerFailure,
+    WorkerName, WorldModelReport,
 };
 pub use session_writer::SessionWriter;
 pub use view::{

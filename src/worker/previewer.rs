@@ -5,8 +5,8 @@
 use std::sync::mpsc::Receiver;
 
 use crate::worker::{
-    OpenError, OpenWorld, PreviewerCommand, Reports, SceneReport, Worker, WorkerError, WorkerName, one_thread,
-    picture,
+    OpenError, OpenWorld, PreviewerCommand, Reports, SceneReport, Worker, WorkerError, WorkerName,
+    one_thread, picture,
 };
 use crate::world::{Action, World};
 

@@ -13,10 +13,10 @@ use crate::worker::jobs::Jobs;
 use crate::worker::{
     Cause, ClipperCommand, DeployReport, Dismissed, DreamInspectorCommand, DreamReport, DreamerCommand,
     DriveView, DriverCommand, EpisodeBrowserCommand, EpisodeView, Inbox, Latest, LiveAction, LiveView,
-    LoadedWorld, ModelerCommand, OpenWorld, PreviewerCommand, RecordReport, RecorderCommand, Report, Reports, ReviewView,
-    RolloutView, ScreenerCommand, SessionWriterCommand, SynthesizerCommand, TrainerCommand, Worker,
-    WorkerCommand, clipper, dream_inspector, dreamer, driver, episode_browser, modeler, previewer, recorder, screener,
-    session_writer, synthesizer, trainer,
+    LoadedWorld, ModelerCommand, OpenWorld, PreviewerCommand, RecordReport, RecorderCommand, Report, Reports,
+    ReviewView, RolloutView, ScreenerCommand, SessionWriterCommand, SynthesizerCommand, TrainerCommand,
+    Worker, WorkerCommand, clipper, dream_inspector, dreamer, driver, episode_browser, modeler, previewer,
+    recorder, screener, session_writer, synthesizer, trainer,
 };
 use crate::world::WorldSpec;
 use crate::world_model::fit::FitConfig;

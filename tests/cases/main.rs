@@ -17,5 +17,6 @@ mod numbers;
 mod run_files;
 mod sessions;
 mod starting;
+mod told;
 #[cfg(target_os = "linux")]
 mod window;

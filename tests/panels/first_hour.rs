@@ -41,7 +41,8 @@ fn a_first_start_offers_three_ways_and_the_first_begins_a_dream() {
     }
     backstage.orders();
     press(&mut harness, Key::Num1);
-    let is_start = |order: &WorkerCommand| matches!(order, WorkerCommand::Dreamer(DreamerCommand::Start { .. }));
+    let is_start =
+        |order: &WorkerCommand| matches!(order, WorkerCommand::Dreamer(DreamerCommand::Start { .. }));
     assert!(backstage.orders().iter().any(is_start), "it has begun");
     harness.run_steps(2);
     assert!(!has(&harness, "Drive in a dream now"), "the cards are gone");
@@ -131,8 +132,7 @@ fn hints_come_one_at_a_time_are_remembered_and_can_be_called_back() {
     let folder = std::fs::read_dir(dir.path()).unwrap().map(|entry| entry.unwrap().path());
     let folder = folder.into_iter().find(|path| path.join("session.json").exists()).unwrap();
     let store = SessionStore::open(&folder, None).unwrap();
-    let (mut harness, _) =
-        window_with(dir.path(), Some(store), vec2(1280.0, 800.0), false, Some(memory));
+    let (mut harness, _) = window_with(dir.path(), Some(store), vec2(1280.0, 800.0), false, Some(memory));
     go(&mut harness, Panel::Label);
     assert!(harness.query_by_label("Got it").is_none(), "each is shown once");
     harness.get_by_label("Keys and help").click();
@@ -280,7 +280,9 @@ fn the_whole_loop_goes_by_keys_alone_and_everything_has_a_name() {
     go_by_key(&mut harness, Key::Num6);
     assert_accessible(&harness, "deploy");
     press(&mut harness, Key::Enter);
-    let is_drive = |order: &WorkerCommand| matches!(order, WorkerCommand::Driver(dropj::worker::DriverCommand::Drive { .. }));
+    let is_drive = |order: &WorkerCommand| {
+        matches!(order, WorkerCommand::Driver(dropj::worker::DriverCommand::Drive { .. }))
+    };
     assert!(backstage.orders().iter().any(is_drive), "the planner acts");
     for (key, place) in [(Key::Num1, "record"), (Key::Num2, "world model")] {
         go_by_key(&mut harness, key);

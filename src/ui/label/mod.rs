@@ -42,7 +42,8 @@ pub(in crate::ui) fn label_ui(ui: &mut Ui, state: &View<'_>, commands: &mut Comm
             commands.push(Command::Window(WindowCommand::Show(Panel::Dream)));
         }
         if state.has_example() && state.open.is_none() {
-            let is_free = !state.guide.is_preparing && state.opening.is_none() && state.world.loaded.is_some();
+            let is_free =
+                !state.guide.is_preparing && state.opening.is_none() && state.world.loaded.is_some();
             let practice = KeyButton::new("Answer twenty questions about an example").enabled(is_free);
             if practice.is_pressed(ui) {
                 commands.push(Command::Guide(GuideCommand::Practice));

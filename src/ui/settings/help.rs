@@ -1,6 +1,8 @@
 //! Every key of every panel, which can be changed here, and who draws the window.
 
-use eframe::egui::{Align, Event, Grid, Id, Key, Layout, Modal, PointerButton, RichText, ScrollArea, Slider, Ui};
+use eframe::egui::{
+    Align, Event, Grid, Id, Key, Layout, Modal, PointerButton, RichText, ScrollArea, Slider, Ui,
+};
 
 use crate::app::{Command, GuideCommand, LabelCommand, WindowCommand};
 use crate::ui::View;

@@ -15,7 +15,9 @@ use serde::de::value::{Error, StrDeserializer};
 use serde::de::{DeserializeOwned, IntoDeserializer as _};
 
 use crate::app::label::{BREAK_MINUTES, MOST_HELD_BACK, MOST_REPEATS, NORMAL_SPEED};
-use crate::app::{Budget, Command, Field, GuideCommand, Hint, LabelCommand, QuerySelection, State, WindowCommand};
+use crate::app::{
+    Budget, Command, Field, GuideCommand, Hint, LabelCommand, QuerySelection, State, WindowCommand,
+};
 use crate::ui::input::PadButton;
 use crate::ui::settings::Settings;
 use crate::ui::settings::gamepad::Buttons;
