@@ -11,7 +11,7 @@ use anyhow::Context as _;
 use dropj::experiment::slurm::ArrayJob;
 use dropj::experiment::summary::series;
 use dropj::experiment::{
-    Description, Evaluation, Evaluations, Folder, Ground, Outcome, Rows, Scale, Trial, learned_world, named, names,
+    Description, Evaluation, Evaluations, Folder, Ground, Outcome, Scale, Trial, learned_world, named, names,
     run_trial,
 };
 use dropj::run::{read_at_most, write_whole};
