@@ -9,6 +9,7 @@ mod program;
 
 mod compare;
 mod datasets;
+mod drqv2;
 mod files;
 mod format;
 mod networks;
