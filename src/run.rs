@@ -183,11 +183,6 @@ const LIST: &str = ".dropj-job";
 /// The file in it that grows by a line of numbers now and then.
 const METRICS: &str = "metrics.jsonl";
 
-/// A line of [`METRICS`].
-fn line(metrics: &impl Serialize) -> String {
-    serde_json::to_string(metrics).unwrap_or_else(|e| unreachable!("plain numbers: {e}")) + "\n"
-}
-
 /// The folder of one job, in which it alone is at work.
 ///
 /// It lists what it writes, so that whoever begins anew removes that and nothing else: a file that somebody else put
@@ -327,22 +322,26 @@ impl Run {
         remove_file(&self.dir.join(name))
     }
 
-    /// All lines of `metrics.jsonl` up to the first that cannot be read, as one that was cut short.
+    /// All lines of `metrics.jsonl` up to the first that cannot be read.
     pub fn logged<T: DeserializeOwned>(&self) -> Result<Vec<T>, RunError> {
         let bytes = self.read(METRICS)?.unwrap_or_default();
         let lines = bytes.split(|byte| *byte == b'\n');
         Ok(lines.map_while(|line| serde_json::from_slice(line).ok()).collect())
     }
 
-    /// Writes `metrics.jsonl` anew with a line for each of `all`.
-    pub fn log_anew(&self, all: &[impl Serialize]) -> Result<(), RunError> {
-        self.write(METRICS, all.iter().map(line).collect::<String>().as_bytes())
+    /// Keeps the first `n` lines of `metrics.jsonl` as they are, for a job that goes on from where they were written.
+    pub fn keep_logged(&self, n: usize) -> Result<(), RunError> {
+        let bytes = self.read(METRICS)?.unwrap_or_default();
+        let ends = bytes.iter().enumerate().filter(|(_, byte)| **byte == b'\n').map(|(at, _)| at + 1);
+        let len = ends.take(n).last().unwrap_or_default();
+        if len < bytes.len() { self.write(METRICS, &bytes[..len]) } else { Ok(()) }
     }
 
     /// Appends a line to `metrics.jsonl`.
     pub fn log(&self, metrics: &impl Serialize) -> Result<(), RunError> {
         let path = self.file(METRICS)?;
-        let line = line(metrics);
+        let mut line = serde_json::to_string(metrics).unwrap_or_else(|e| unreachable!("plain numbers: {e}"));
+        line.push('\n');
         let append = || OpenOptions::new().append(true).create(true).open(&path)?.write_all(line.as_bytes());
         append().map_err(|met| RunError::Disk { doing: "log metrics", met, path: path.clone() })
     }

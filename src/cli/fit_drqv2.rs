@@ -4,7 +4,8 @@ use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 
 use anyhow::Context as _;
-use dropj::drqv2::{DrqAgent, DrqConfig, Progress, Record, train};
+use dropj::drqv2::{Beside, DrqAgent, DrqConfig, Job, Progress, Record, train};
+use dropj::evaluation::{Results, Summary};
 use dropj::run::{Kind, OutputFile, Run, read_parameters};
 use dropj::tensor::DeviceChoice;
 
@@ -55,6 +56,10 @@ pub(crate) struct Options {
     /// Episodes of an evaluation, without noise and on the tracks of `deploy` from seed 0 on [default: 10, as published]
     #[arg(long, value_parser = count(0..=100_000))]
     evaluation_episodes: Option<usize>,
+    /// Draw a line beside the curve for another method, such as dropj=results.jsonl: the mean return of what `deploy --json`
+    /// printed of it
+    #[arg(long, value_name = "NAME=FILE")]
+    beside: Vec<String>,
     /// The driving aids of the paper's evaluation, where there are obstacles
     #[arg(long, value_enum, default_value = "on")]
     aids: Switch,
@@ -104,10 +109,12 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
     config.check_for(options.env.spec.image.trained())?;
     let backend = backend(options.device)?;
     let out = OutputFile::at(&options.out, Kind::Network)?;
+    let beside = options.beside.iter().map(|named| reached(named)).collect::<anyhow::Result<Vec<_>>>()?;
     let mut world = options.env.open(options.aids.is_on())?;
     let run = Run::beside(&options.out, options.resume)?;
     let mut meter = Meter::new();
-    let parameters = train(&mut *world, &config, backend, &run, &mut |progress| {
+    let job = Job { backend, run: &run, beside: &beside };
+    let parameters = train(&mut *world, &config, job, &mut |progress| {
         say(&mut meter, progress);
         ControlFlow::Continue(())
     });
@@ -117,6 +124,15 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
     out.write(parameters.bytes()).context(hint)?;
     println!("wrote {:?}, {}", options.out, parameters.hash());
     Ok(())
+}
+
+/// What a method reached, from its name and its file of results.
+fn reached(named: &str) -> anyhow::Result<Beside> {
+    let (name, path) = named.split_once('=').context("what is drawn beside is written NAME=FILE")?;
+    let bytes = std::fs::read(path).with_context(|| format!("cannot read the results {path:?}"))?;
+    let ret = Summary::of(&Results::parse(&bytes).episodes).ret;
+    let ret = ret.with_context(|| format!("there are no episodes in these results: {path:?}"))?;
+    Ok(Beside { name: name.to_owned(), ret: ret.mean })
 }
 
 fn say(meter: &mut Meter, progress: &Progress) {

@@ -147,7 +147,6 @@ impl DrqAgent {
         tch::no_grad(|| self.actor.forward(&self.encoder.forward(&pixels, self.backend.kind)))
     }
 
-
     /// An action in `[-1, 1]` as the world takes it.
     ///
     /// `a = low + (ã + 1) (high − low) / 2`

@@ -114,7 +114,7 @@ impl DrqConfig {
         within("the number of rewards in a target", self.n_step, 1..=1000)?;
         within("the capacity of the replay buffer", self.capacity, 1..=MAX_COUNT)?;
         within("the batch", self.batch, 1..=1 << 20)?;
-        within("the learning rate", self.learning_rate, 0.0..=1e3)?;
+        within("the learning rate", self.learning_rate, 1e-12..=1e3)?;
         within("the rate of the target network", self.target_rate, 0.0..=1.0)?;
         within("the actions from update to update", self.update_every, 1..=most)?;
         within("the actions of exploration", self.exploration_actions, 0..=most)?;

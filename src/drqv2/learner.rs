@@ -106,6 +106,9 @@ impl Learner {
     }
 
     /// Learns from `batch`, where noise has the standard deviation `std`.
+    ///
+    /// `// DIFFERENCE:` convolutions are computed in the backend's arithmetic, half precision where that is quicker; published
+    /// is single precision throughout. Parameters and all else are.
     pub fn update(&mut self, batch: &Batch, std: f64, rng: &mut impl Rng) -> Losses {
         let config = &self.nature.config;
         let (rate, clip, target_rate) = (config.learning_rate, config.noise_clip, config.target_rate);
@@ -178,7 +181,10 @@ impl Learner {
             adam.state().into_iter().map(move |(name, tensor)| (format!("{prefix}.{name}"), tensor))
         };
         let valuing = moments("adam.valuing", &self.adam_valuing);
-        Parameters::from_tensors(networks.chain(valuing).chain(moments("adam.acting", &self.adam_acting)), state)
+        Parameters::from_tensors(
+            networks.chain(valuing).chain(moments("adam.acting", &self.adam_acting)),
+            state,
+        )
     }
 
     /// Goes on from what [`Self::checkpoint`] kept.

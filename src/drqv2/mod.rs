@@ -26,6 +26,7 @@ mod curve;
 mod learner;
 mod networks;
 mod noise;
+mod record;
 mod replay;
 #[cfg(test)]
 mod tests;
@@ -33,8 +34,9 @@ mod train;
 
 pub use agent::{AgentError, DrqAgent, DrqPolicy};
 pub use config::DrqConfig;
-pub use curve::{curve, tables};
+pub use curve::{Beside, curve, tables};
 pub use learner::{Learner, Losses, critic_loss};
 pub use noise::{NoiseSchedule, perturbed};
+pub use record::{Evaluated, Finished, Progress, Record, Report};
 pub use replay::{Batch, Episode, Replay, ReplayError, n_step_return};
-pub use train::{DrqError, Evaluated, Finished, Progress, Record, Report, train};
+pub use train::{DrqError, Job, train};

@@ -126,22 +126,20 @@ impl Episode {
         let [height, width, n_axes, n, is_terminated] = numbers[..] else {
             return Err(ReplayError("it is cut short"));
         };
-        let count = |a: u32, b: u32| (a as usize).checked_mul(b as usize).ok_or(ReplayError("it is too large"));
-        let n_numbers = count(n, n_axes + 1)?;
-        let n_floats = n_numbers.checked_mul(4).ok_or(ReplayError("it is too large"))?;
+        let [n_rows, n_columns, n_axes, n] = [height, width, n_axes, n].map(|number| number as usize);
+        let count = |a: usize, b: usize| a.checked_mul(b).ok_or(ReplayError("it is too large"));
+        let n_floats = count(count(n, n_axes + 1)?, 4)?;
         let (floats, rest) = rest.split_at_checked(n_floats).ok_or(ReplayError("it is cut short"))?;
         let mut actions: Vec<f32> =
             floats.as_chunks().0.iter().map(|bytes| f32::from_le_bytes(*bytes)).collect();
-        let rewards = actions.split_off(count(n, n_axes)?);
-        let n_bytes = count(height, width)?.checked_mul(3 * (n as usize + 1));
-        let told = rest.first_chunk().map(|size| u32::from_le_bytes(*size) as usize);
-        if told.is_none() || told != n_bytes {
-            // Before anything is allocated.
+        let rewards = actions.split_off(n * n_axes);
+        let n_bytes = count(count(n_rows, n_columns)?, 3 * (n + 1))?;
+        // Before anything is allocated.
+        if rest.first_chunk().is_none_or(|told| u32::from_le_bytes(*told) as usize != n_bytes) {
             return Err(ReplayError("its pictures are of another size"));
         }
-        let pixels = lz4_flex::decompress_size_prepended(rest);
-        let pixels = pixels.map_err(|_| ReplayError("its pictures are damaged"))?;
-        let n_axes = n_axes as usize;
+        let pixels = lz4_flex::decompress_size_prepended(rest).ok().filter(|pixels| pixels.len() == n_bytes);
+        let pixels = pixels.ok_or(ReplayError("its pictures are damaged"))?;
         let size = Size { height, width };
         Ok(Self { size, n_axes, pixels, actions, rewards, is_terminated: is_terminated != 0 })
     }
@@ -161,9 +159,9 @@ impl Episode {
 /// assert_eq!(n_step_return(&[1.0, 2.0, 4.0], 0.5, true), [3.0, 0.0]);
 /// ```
 pub fn n_step_return(rewards: &[f32], discount: f64, is_terminated: bool) -> [f32; 2] {
-    let (sum, factor) = rewards.iter().fold((0.0, 1.0), |(sum, factor), reward| {
-        (sum + factor * f64::from(*reward), factor * discount)
-    });
+    let (sum, factor) = rewards
+        .iter()
+        .fold((0.0, 1.0), |(sum, factor), reward| (sum + factor * f64::from(*reward), factor * discount));
     [sum as f32, if is_terminated { 0.0 } else { factor as f32 }]
 }
 
@@ -231,6 +229,9 @@ impl Replay {
 
     /// Samples: an episode by chance, a time in it by chance, and a shift of what is seen then and n actions later.
     ///
+    /// `// DIFFERENCE:` the published program samples in four processes, each of which has a quarter of the episodes and looks
+    /// for new ones once in a while. Here an episode can be sampled as soon as it is over.
+    ///
     /// # Panics
     /// Where there is nothing.
     pub fn sample(&self, config: &DrqConfig, device: Device, rng: &mut impl Rng) -> Batch {
@@ -257,9 +258,8 @@ impl Replay {
             rewards.push(sum);
             discounts.push(factor);
         }
-        let numbers = |values: &[f32], width: usize| {
-            from_slice(values, &[b as i64, width as i64]).to_device(device)
-        };
+        let numbers =
+            |values: &[f32], width: usize| from_slice(values, &[b as i64, width as i64]).to_device(device);
         Batch {
             pixels: stacked(&now, [b, k], size, device),
             actions: numbers(&actions, n_axes),
@@ -270,7 +270,7 @@ impl Replay {
     }
 }
 
-/// Pictures as the encoder takes them.
+/// Pictures as the encoder takes them, in memory with channels last.
 ///
 /// # Shapes
 /// - `pixels`: `[B, k, H, W, 3]`
@@ -278,7 +278,8 @@ impl Replay {
 pub(super) fn stacked(pixels: &[u8], [b, k]: [usize; 2], size: Size, device: Device) -> Tensor {
     let [b, k, height, width] = [b as i64, k as i64, i64::from(size.height), i64::from(size.width)];
     let pixels = Tensor::from_slice(pixels).view([b, k, height, width, 3]).to_device(device);
-    pixels.permute([0, 1, 4, 2, 3]).reshape([b, 3 * k, height, width])
+    let last = pixels.permute([0, 2, 3, 1, 4]).reshape([b, height, width, 3 * k]);
+    last.permute([0, 3, 1, 2])
 }
 
 /// Appends a picture as it is seen so many rows and columns further down and to the right; beyond its edges they go on.

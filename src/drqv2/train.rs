@@ -3,9 +3,10 @@
 //!
 //! An episode is the unit of all that is kept, for no world can be put back into the middle of one. Killed, the job goes on
 //! with the episode that it was in; on the processor it then does what it would have done.
+//!
+//! `// DIFFERENCE:` the published program does not keep its replay buffer with a checkpoint, and ends in the middle of an episode.
 
 use std::collections::BTreeMap;
-use std::ops::ControlFlow;
 
 use rand::{Rng as _, RngExt as _, SeedableRng as _};
 use rand_chacha::ChaCha8Rng;
@@ -14,10 +15,11 @@ use serde::{Deserialize, Serialize};
 use super::agent::{DrqAgent, DrqPolicy, Nature, Sight};
 use super::learner::{Learner, Losses};
 use super::noise::perturbed;
+use super::record::{Evaluated, Finished, Progress, Record, Report};
 use super::replay::{Episode, Replay, ReplayError};
-use super::{DrqConfig, curve};
+use super::{Beside, DrqConfig, curve};
 use crate::evaluation::{EpisodeError, EpisodeMetrics, Summary, TracksAlike, evaluate_episode};
-use crate::run::{Run, RunError, log_saved};
+use crate::run::{Run, RunError};
 use crate::tensor::limits::OutOfRange;
 use crate::tensor::{
     Backend, NotFinite, Parameters, ParametersError, described, describes, from_slice, normal, to_vec,
@@ -53,7 +55,9 @@ pub enum DrqError {
         met: ReplayError,
     },
     /// Another job was begun in this folder.
-    #[error("the job in this folder was begun with other settings or in another world; begin anew, without `--resume`")]
+    #[error(
+        "the job in this folder was begun with other settings or in another world; begin anew, without `--resume`"
+    )]
     Others,
     /// The world has no reward.
     #[error("the world {0:?} tells no reward, and DrQ-v2 learns by nothing else")]
@@ -89,87 +93,22 @@ struct TrainState {
     unsafe_steps: u64,
     /// How often each event of the world was counted, by its name in results.
     events: BTreeMap<String, u64>,
-    /// How often it was evaluated.
-    evaluations: u64,
     /// Lines of the metrics.
     records: usize,
     /// The numbers of the episodes in the replay buffer.
     replay: Vec<u64>,
 }
 
-/// A line of the metrics.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(tag = "kind", rename_all = "snake_case")]
-pub enum Record {
-    /// An episode that was driven to learn, with noise.
-    Episode(Finished),
-    /// Episodes without noise.
-    Evaluation(Evaluated),
+/// Where and by what a job is done.
+#[derive(Clone, Copy, Debug)]
+pub struct Job<'a> {
+    /// What computes.
+    pub backend: Backend,
+    /// The folder.
+    pub run: &'a Run,
+    /// What is drawn beside the curve.
+    pub beside: &'a [Beside],
 }
-
-/// An episode that was driven to learn. Counts are of all episodes so far.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Finished {
-    /// Its number, from 1.
-    pub episode: u64,
-    /// Steps of the world.
-    pub steps: u64,
-    /// Updates of the networks.
-    pub updates: u64,
-    /// The sum of its rewards.
-    pub ret: f32,
-    /// How many steps it had.
-    pub n_steps: u64,
-    /// Steps in which something went on that must not happen.
-    pub unsafe_steps: u64,
-    /// How often each event of the world was counted.
-    pub events: BTreeMap<String, u64>,
-    /// σ in its last action.
-    pub noise: f64,
-    /// The mean loss of the critic in its updates, if there were any.
-    pub critic_loss: Option<f64>,
-    /// The mean of what the critic was to say.
-    pub value: Option<f64>,
-}
-
-/// An evaluation.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Evaluated {
-    /// Steps of the world before it, all in episodes that were driven to learn.
-    pub steps: u64,
-    /// Updates before it.
-    pub updates: u64,
-    /// Of each episode, on the tracks of `deploy` from seed 0 on.
-    pub returns: Vec<f32>,
-    /// Their mean.
-    pub ret: f64,
-    /// The mean share of steps in which something went on that must not happen.
-    pub unsafe_rate: f64,
-    /// The mean of each event's figure, by its key in results.
-    pub events: BTreeMap<String, f64>,
-}
-
-/// How far it is.
-#[derive(Clone, Debug)]
-pub struct Progress {
-    /// Steps of the world.
-    pub steps: u64,
-    /// So many there will be.
-    pub n_steps: u64,
-    /// Updates of the networks.
-    pub updates: u64,
-    /// Steps in which something went on that must not happen.
-    pub unsafe_steps: u64,
-    /// The return of the last episode.
-    pub ret: Option<f32>,
-    /// Where it is evaluated: steps that were driven so, and how many there are at the most.
-    pub evaluating: Option<[usize; 2]>,
-    /// What was just over.
-    pub record: Option<Record>,
-}
-
-/// Whoever listens. `Break` stops it.
-pub type Report<'a> = dyn FnMut(&Progress) -> ControlFlow<()> + 'a;
 
 /// A job on its way.
 struct Training<'a> {
@@ -177,14 +116,15 @@ struct Training<'a> {
     config: &'a DrqConfig,
     backend: Backend,
     run: &'a Run,
+    beside: &'a [Beside],
     learner: Learner,
     replay: Replay,
     state: TrainState,
     records: Vec<Record>,
 }
 
-/// Learns in `world` until [`DrqConfig::steps`] are driven, from the last checkpoint in the folder of `run` if there is one;
-/// the agent's parameters.
+/// Learns in `world` until [`DrqConfig::steps`] are driven, from the last checkpoint in the job's folder if there is one; the
+/// agent's parameters.
 ///
 /// Beside checkpoints, the replay buffer and the metrics, the folder has the curve, as tables and as a figure.
 ///
@@ -193,8 +133,7 @@ struct Training<'a> {
 pub fn train(
     world: &mut dyn World,
     config: &DrqConfig,
-    backend: Backend,
-    run: &Run,
+    Job { backend, run, beside }: Job<'_>,
     report: &mut Report<'_>,
 ) -> Result<Parameters, DrqError> {
     let spec = std::sync::Arc::clone(world.spec());
@@ -209,7 +148,7 @@ pub fn train(
     backend.begin(&mut rng.clone());
     let learner = Learner::new(&spec, config, backend, rng)?;
     let (replay, state, records) = Default::default();
-    let mut training = Training { world, config, backend, run, learner, replay, state, records };
+    let mut training = Training { world, config, backend, run, beside, learner, replay, state, records };
     training.resume()?;
     while training.state.steps < config.steps {
         training.evaluate_if_due(report)?;
@@ -218,6 +157,7 @@ pub fn train(
     if training.evaluated_at() != Some(training.state.steps) {
         training.evaluate(report)?;
     }
+    training.show()?;
     Ok(training.learner.agent_parameters())
 }
 
@@ -275,8 +215,8 @@ impl Means {
         Ok(())
     }
 
-    fn of(&self, i: usize) -> Option<f64> {
-        (self.n > 0).then(|| self.sums[i] / self.n as f64)
+    fn of(&self, i: usize) -> Option<f32> {
+        (self.n > 0).then(|| (self.sums[i] / self.n as f64) as f32)
     }
 }
 
@@ -294,16 +234,14 @@ impl Training<'_> {
             self.replay.push(episode, read, self.config);
         }
         // What was told after the checkpoint is told again.
+        self.run.keep_logged(state.records)?;
         self.records = self.run.logged()?;
-        self.records.truncate(state.records);
-        self.run.log_anew(&self.records)?;
         self.state = state;
         Ok(())
     }
 
     fn checkpoint(&self) -> Result<(), DrqError> {
         self.run.save(LAST, &self.learner.checkpoint(&[(STATE, described(&self.state))]))?;
-        log_saved("episode of DrQ-v2", self.state.episodes, std::path::Path::new(LAST));
         Ok(())
     }
 
@@ -373,12 +311,7 @@ impl Training<'_> {
     }
 
     /// The next action in `[-1, 1]`, with noise; by chance alone as long as it explores.
-    fn explore(
-        &self,
-        agent: &DrqAgent,
-        sight: &Sight,
-        rng: &mut ChaCha8Rng,
-    ) -> Result<Vec<f32>, NotFinite> {
+    fn explore(&self, agent: &DrqAgent, sight: &Sight, rng: &mut ChaCha8Rng) -> Result<Vec<f32>, NotFinite> {
         let n_axes = agent.nature.ranges.n_axes();
         let action = if self.state.actions < self.config.exploration_actions {
             (0..n_axes).map(|_| rng.random_range(-1.0..1.0)).collect()
@@ -418,7 +351,7 @@ impl Training<'_> {
             n_steps: brought.n_steps,
             unsafe_steps: state.unsafe_steps,
             events: state.events.clone(),
-            noise: self.config.noise_at(state.actions.saturating_sub(1)),
+            noise: self.config.noise_at(state.actions.saturating_sub(1)) as f32,
             critic_loss: means.of(0),
             value: means.of(1),
         };
@@ -430,10 +363,10 @@ impl Training<'_> {
         let mut points = vec![
             ("training/return", finished.ret),
             ("training/unsafe steps", finished.unsafe_steps as f32),
-            ("training/noise", finished.noise as f32),
+            ("training/noise", finished.noise),
         ];
-        points.extend(finished.critic_loss.map(|loss| ("training/critic loss", loss as f32)));
-        points.extend(finished.value.map(|value| ("training/value", value as f32)));
+        points.extend(finished.critic_loss.map(|loss| ("training/critic loss", loss)));
+        points.extend(finished.value.map(|value| ("training/value", value)));
         self.run.plot(finished.steps, &points)?;
         self.record(Record::Episode(finished), report)?;
         self.checkpoint()?;
@@ -462,9 +395,9 @@ impl Training<'_> {
     ///
     /// `// DIFFERENCE:` the published program breaks off at the very step; one world can be in one episode alone.
     fn evaluate_if_due(&mut self, report: &mut Report<'_>) -> Result<(), DrqError> {
-        let due = self.evaluated_at().map_or(0, |steps| {
-            (steps / self.config.evaluate_every + 1) * self.config.evaluate_every
-        });
+        let due = self
+            .evaluated_at()
+            .map_or(0, |steps| (steps / self.config.evaluate_every + 1) * self.config.evaluate_every);
         if self.state.steps >= due { self.evaluate(report) } else { Ok(()) }
     }
 
@@ -493,7 +426,8 @@ impl Training<'_> {
             episodes.push(met);
         }
         let summary = Summary::of(&episodes);
-        let mean = |figure: Option<crate::evaluation::MeanSd>| figure.map_or(f64::NAN, |figure| figure.mean);
+        let mean =
+            |figure: Option<crate::evaluation::MeanSd>| figure.map_or(f32::NAN, |figure| figure.mean as f32);
         let events = summary.events.iter();
         let evaluated = Evaluated {
             steps: self.state.steps,
@@ -501,17 +435,19 @@ impl Training<'_> {
             returns: episodes.iter().map(|episode| episode.ret).collect(),
             ret: mean(summary.ret),
             unsafe_rate: mean(summary.unsafe_rate),
-            events: events.filter_map(|(event, it)| Some((event.key(), it.as_ref()?.mean))).collect(),
+            events: events.filter_map(|(event, it)| Some((event.key(), it.as_ref()?.mean as f32))).collect(),
         };
-        let points = [
-            ("evaluation/return", evaluated.ret as f32),
-            ("evaluation/unsafe rate", evaluated.unsafe_rate as f32),
-        ];
+        let points =
+            [("evaluation/return", evaluated.ret), ("evaluation/unsafe rate", evaluated.unsafe_rate)];
         self.run.plot(evaluated.steps, &points)?;
-        self.state.evaluations += 1;
         self.record(Record::Evaluation(evaluated), report)?;
-        curve::write(self.run, &self.world.spec().title, &self.records)?;
-        self.run.save("agent", &self.learner.agent_parameters())?;
-        Ok(())
+        self.checkpoint()?;
+        self.show()
+    }
+
+    /// Puts the curve and the agent as they are now into the folder, for people to look at meanwhile.
+    fn show(&self) -> Result<(), DrqError> {
+        curve::write(self.run, &self.world.spec().title, &self.records, self.beside)?;
+        Ok(self.run.save("agent", &self.learner.agent_parameters())?)
     }
 }

@@ -10,6 +10,7 @@ mod program;
 mod clips;
 mod compare;
 mod datasets;
+mod drqv2;
 mod files;
 mod format;
 mod networks;

@@ -88,7 +88,7 @@ fn what_nobody_knows_is_refused_with_its_name_and_the_file() {
 fn the_example_can_be_used() {
     let dir = tempfile::tempdir().unwrap();
     let file = std::fs::read_to_string(shipped("assets/run.toml")).unwrap();
-    for command in ["fit-world", "fit-probe", "simulate", "refit", "deploy"] {
+    for command in ["fit-world", "fit-probe", "fit-drqv2", "simulate", "refit", "deploy"] {
         let ran = with_file(dir.path(), &file, &format!("{command} --config run.toml --seed=none"));
         // Nothing is wrong but the seed.
         assert!(ran.refused().contains("invalid value 'none' for '--seed <SEED>'"), "{ran:?}");
