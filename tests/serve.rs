@@ -74,7 +74,8 @@ impl Served {
         let tokens = server.standings().iter().map(|standing| token(&standing.link)).collect();
         let (at, stop) = (server.at(), Arc::new(AtomicBool::new(false)));
         let until = Arc::clone(&stop);
-        let thread = Some(std::thread::spawn(move || server.run(&until)));
+        let named = std::thread::Builder::new().name("server".to_owned());
+        let thread = named.spawn(move || server.run(&until)).ok();
         Self { at, tokens, stop, thread }
     }
 
@@ -262,7 +263,9 @@ impl Window {
                     _ => {}
                 }
             }
-            reports.into_iter().for_each(|report| self.app.report(report));
+            for report in reports {
+                self.app.report(report);
+            }
         }
     }
 }
@@ -453,7 +456,9 @@ fn whoever_is_slow_or_asks_too_often_waits_for_nobody_and_keeps_nobody() {
     let served = Served::new(&config);
     // So many that say nothing to its end are all that one address has.
     let mut slow: Vec<_> = (0..24).map(|_| TcpStream::connect(served.at).unwrap()).collect();
-    slow.iter_mut().for_each(|stream| stream.write_all(b"GET /api/view HTTP/1.1\r\nHo").unwrap());
+    for stream in &mut slow {
+        stream.write_all(b"GET /api/view HTTP/1.1\r\nHo").unwrap();
+    }
     let (status, _, body) = served.send(format!("GET / HTTP/1.1\r\nHost: {}\r\n\r\n", served.at).as_bytes());
     // They may have been sent away already, on a machine that is busy.
     assert!(matches!(status, 503 | 200), "{status}: {}", String::from_utf8_lossy(&body));
