@@ -44,7 +44,7 @@ pub(super) fn deploy_ui(ui: &mut Ui, state: &View<'_>, commands: &mut Commands) 
     ];
     let column = |rect| UiBuilder::new().max_rect(rect).layout(Layout::top_down(Align::Min));
     ui.scope_builder(column(columns[0]), |ui| scene_ui(ui, state, commands));
-    ui.scope_builder(column(columns[1]), |ui| thoughts_ui(ui, state));
+    ui.scope_builder(column(columns[1]), |ui| thoughts_ui(ui, state, commands));
 }
 
 /// The real world and how it goes.
@@ -86,7 +86,7 @@ fn scene_ui(ui: &mut Ui, state: &View<'_>, commands: &mut Commands) {
 }
 
 /// What the planner imagined, and the episodes so far.
-fn thoughts_ui(ui: &mut Ui, state: &View<'_>) {
+fn thoughts_ui(ui: &mut Ui, state: &View<'_>, commands: &mut Commands) {
     let room = ui.available_size() - vec2(0.0, 180.0);
     let n = match &state.deploy.view {
         Some(view) => view.candidates.len(),
@@ -109,6 +109,9 @@ fn thoughts_ui(ui: &mut Ui, state: &View<'_>) {
         (n, _) => format!("Where each of {n} plans would lead, and what the reward promises of it"),
     };
     ui.label(tokens::small(ui, about));
+    if state.has_clip() {
+        clip_button_ui(ui, state, commands);
+    }
     ui.add_space(8.0);
     titled_card(ui, "Episodes", |ui| episodes_ui(ui, state));
 }
@@ -181,7 +184,6 @@ fn controls_ui(ui: &mut Ui, state: &View<'_>, commands: &mut Commands) {
             }
             ui.add_space(8.0);
             inline_field_ui(ui, state, Field::DeploySeed, "Seed of the episode", commands);
-            clip_button_ui(ui, state, commands);
             return;
         }
         let name = if deploy.is_paused { "Go on" } else { "Pause" };
@@ -191,7 +193,6 @@ fn controls_ui(ui: &mut Ui, state: &View<'_>, commands: &mut Commands) {
         if KeyButton::new("Stop").key(key(KeyAction::Leave)).is_pressed(ui) {
             commands.push(Command::Deploy(DeployCommand::Stop));
         }
-        clip_button_ui(ui, state, commands);
     });
 }
 

@@ -1,7 +1,7 @@
 //! How to begin: three cards at a first start, and hints above the status bar.
 
 use eframe::egui::{
-    Align, Key, Label, Layout, Rect, Role, Sense, Ui, UiBuilder, Vec2, WidgetInfo, pos2, vec2,
+    Align, Key, Label, Layout, Rect, RichText, Role, Sense, Ui, UiBuilder, Vec2, WidgetInfo, pos2, vec2,
 };
 
 use crate::app::{Command, Field, GuideCommand, Hint, Panel, Picture, WindowCommand};
@@ -42,7 +42,7 @@ pub(super) fn welcome_ui(ui: &mut Ui, state: &View<'_>, commands: &mut Commands)
     let room = ui.available_size();
     let columns = if room.x >= 3.0 * NARROWEST + 2.0 * GAP { offers.len() } else { 1 };
     if columns > 1 {
-        let pictures = (room.y - 250.0).clamp(60.0, 240.0);
+        let pictures = (room.y - 330.0).clamp(60.0, 240.0);
         ui.columns(columns, |columns| {
             for (column, offer) in columns.iter_mut().zip(&offers) {
                 card_ui(column, state, offer, pictures, commands);
@@ -121,9 +121,10 @@ fn card_ui(ui: &mut Ui, state: &View<'_>, offer: &Offer<'_>, height: f32, comman
     card(ui, |ui| {
         pictures_ui(ui, state, &offer.pictures, height);
         ui.add_space(4.0);
-        ui.label(eframe::egui::RichText::new(offer.title).size(17.0).color(Tokens::of(ui).text));
         // Columns would set it flush on both sides.
         ui.scope_builder(UiBuilder::new().layout(Layout::top_down(Align::Min)), |ui| {
+            let title = RichText::new(offer.title).size(17.0).color(Tokens::of(ui).text);
+            ui.add(Label::new(title).wrap());
             ui.add(Label::new(tokens::muted(ui, offer.about.as_str())).wrap());
         });
         ui.add_space(4.0);

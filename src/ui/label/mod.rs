@@ -238,6 +238,7 @@ fn playback_ui(ui: &mut Ui, state: &View<'_>, commands: &mut Commands) {
     button(ui, "Slower", KeyAction::Slower, Command::Label(LabelCommand::Faster(false)), commands);
     button(ui, "Again", KeyAction::Restart, Command::Label(LabelCommand::RestartClips), commands);
     button(ui, name, KeyAction::PauseClips, Command::Label(LabelCommand::PauseClips), commands);
+    clip_button_ui(ui, state, commands);
 }
 
 /// How many rows of answers there are.
@@ -393,7 +394,6 @@ fn foot_ui(
                 commands.push(command);
             }
         }
-        clip_button_ui(ui, state, commands);
         ui.with_layout(Layout::right_to_left(Align::Center), |ui| {
             modes_ui(ui, state, commands);
             if has_playback {
