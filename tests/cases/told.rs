@@ -42,7 +42,11 @@ fn what_came_of_a_command_is_one_object() {
     assert!(recorded["event_steps"]["grass"].is_u64(), "{recorded}");
 
     let exported = told(dir, "export --hub hub --data data");
-    assert_eq!((&exported["kind"], &exported["steps"]), (&"dataset".into(), &recorded["steps"]), "{exported}");
+    assert_eq!(
+        (&exported["kind"], &exported["steps"]),
+        (&"dataset".into(), &recorded["steps"]),
+        "{exported}"
+    );
     assert!(dir.join("data/journal").exists() && !dir.join("hub/journal").exists());
     assert!(fs::read_to_string(dir.join("hub/README.md")).unwrap().starts_with("---\n"));
     dropj(dir, ["export", "--hub", "hub", "--data", "data"]).refused();
@@ -59,19 +63,29 @@ fn a_network_goes_to_the_hub_as_it_is_with_what_is_known_of_it() {
     assert!(fs::read(dir.join("world/model.safetensors")).unwrap() == fs::read(&world).unwrap());
     let config = fs::read(dir.join("world/config.json")).unwrap();
     let config: Value = serde_json::from_slice(&config).unwrap();
-    assert_eq!((&config["hash"], &config["config"]["env"]), (&told["sha256"], &"car-racing".into()));
+    assert_eq!((&config["hash"], &config["config"]["env"]), (&told["hash"], &"car-racing".into()));
     let card = fs::read_to_string(dir.join("world/README.md")).unwrap();
     assert!(card.contains("| `figures.reconstruction` | 0.0625 |"), "{card}");
     // Two things are not put into one folder.
     let reward = shipped("sessions/example/reward/0000.safetensors");
-    let line = ["export", "--hub", "both", "--world", &world.display().to_string(), "--reward", &reward.display().to_string()];
+    let line = [
+        "export",
+        "--hub",
+        "both",
+        "--world",
+        &world.display().to_string(),
+        "--reward",
+        &reward.display().to_string(),
+    ];
     assert!(dropj(dir, line).refused().contains("two things"));
 }
 
 #[test]
 fn the_exit_code_tells_a_wrong_line_from_what_failed() {
     let dir = tempfile::tempdir().unwrap();
-    for (line, code) in [("replay --help", 0), ("replay nowhere", 1), ("replay", 2), ("replay nowhere --no-such", 2)] {
+    for (line, code) in
+        [("replay --help", 0), ("replay nowhere", 1), ("replay", 2), ("replay nowhere --no-such", 2)]
+    {
         let ran = dropj(dir.path(), line.split(' '));
         assert_eq!(ran.code, Some(code), "{line}: {ran:?}");
     }
