@@ -226,9 +226,9 @@ fn front(name: &str, tags: &[&str], world: &str) -> String {
     let world = (!world.is_empty()).then(|| shown(world));
     for tag in tags.iter().map(|&tag| tag.to_owned()).chain(world) {
         // A text of JSON is one of YAML.
-        front += &format!("- {}\n", Value::from(tag));
+        writeln!(front, "- {}", Value::from(tag)).ok();
     }
-    front += &format!("model_name: {}\n---\n\n", Value::from(name));
+    writeln!(front, "model_name: {}\n---\n", Value::from(name)).ok();
     front
 }
 
@@ -239,7 +239,9 @@ fn measured(results: Option<Vec<(String, String)>>) -> String {
         None => text += "None were given: `dropj check-world` and `dropj check-reward` measure them.\n",
         Some(rows) => {
             text += "As dropj printed them:\n\n| figure | |\n|---|---|\n";
-            rows.iter().for_each(|(name, value)| text += &format!("| `{name}` | {value} |\n"));
+            for (name, value) in rows {
+                writeln!(text, "| `{name}` | {value} |").ok();
+            }
         }
     }
     text
