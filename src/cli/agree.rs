@@ -1,5 +1,6 @@
 //! `dropj agree`, `dropj merge` and `dropj hand-on`: several annotators.
 
+use std::fmt::Write as _;
 use std::path::PathBuf;
 
 use dropj::evaluation::{Agreement, aligned};
@@ -157,7 +158,7 @@ pub(crate) fn run_merge(options: &MergeOptions) -> anyhow::Result<()> {
             options.out
         );
         if n_same > 0 {
-            words += &format!("{n_same} queries stood in several of these sessions and count once\n");
+            writeln!(words, "{n_same} queries stood in several of these sessions and count once").ok();
         }
         words + &format!("the reward is yet to be learned: dropj refit --session {:?}\n", options.out)
     })

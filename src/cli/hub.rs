@@ -103,7 +103,7 @@ fn network(network: &Network, results: Option<Vec<(String, String)>>, out: &Path
     let card = card.clone() + &measured(results) + LICENCE;
     write_whole(&building.dir().join(CARD), card.as_bytes())?;
     building.finish()?;
-    Ok(json!({"kind": "model", "folder": out, "model_type": model_type, "sha256": parameters.hash()}))
+    Ok(json!({"kind": "model", "folder": out, "model_type": model_type, "hash": parameters.hash()}))
 }
 
 /// `config.json`: what the file says of itself, where programs look for it without reading the file.
@@ -144,9 +144,8 @@ fn world_model(path: &Path) -> anyhow::Result<Network> {
     writeln!(
         card,
         "# A world model of `{name}`\n\nIt observes, imagines and paints what `{name}` shows, and is made for \
-         [dropj]: a variational autoencoder of pictures of {} by {} pixels into {} latents, and a recurrent network of {} \
+         dropj, a program for safe reward learning from preferences and justifications: a variational autoencoder of pictures of {} by {} pixels into {} latents, and a recurrent network of {} \
          cells with mixtures of {} Gaussians, {} parameters in all (Ha and Schmidhuber, *World Models*, 2018).\n\n\
-         [dropj]: a program for safe reward learning from preferences and justifications\n\n\
          | axis of an action | from | to |\n|---|---|---|",
         size.height,
         size.width,
@@ -176,7 +175,7 @@ fn world_model(path: &Path) -> anyhow::Result<Network> {
     if let Some(held_out) = model.held_out() {
         writeln!(card, "{} of the episodes were held out.", held_out.len())?;
     }
-    card += "It imagines nothing that was not in its recordings.\n";
+    card += "What never happened in them it cannot imagine.\n";
     card += "\n## Using it\n\n```sh\nhf download USER/NAME --local-dir world\ndropj --world world/model.safetensors\n```\n\n\
              ```python\nimport dropj  # the package that `dropj world adapter --out DIR` writes\n\
              world = dropj.load_world(\"world/model.safetensors\")\n```\n\n";
@@ -227,9 +226,9 @@ fn front(name: &str, tags: &[&str], world: &str) -> String {
     let world = (!world.is_empty()).then(|| shown(world));
     for tag in tags.iter().map(|&tag| tag.to_owned()).chain(world) {
         // A text of JSON is one of YAML.
-        front += &format!("- {}\n", Value::from(tag));
+        writeln!(front, "- {}", Value::from(tag)).ok();
     }
-    front += &format!("model_name: {}\n---\n\n", Value::from(name));
+    writeln!(front, "model_name: {}\n---\n", Value::from(name)).ok();
     front
 }
 
@@ -240,7 +239,9 @@ fn measured(results: Option<Vec<(String, String)>>) -> String {
         None => text += "None were given: `dropj check-world` and `dropj check-reward` measure them.\n",
         Some(rows) => {
             text += "As dropj printed them:\n\n| figure | |\n|---|---|\n";
-            rows.iter().for_each(|(name, value)| text += &format!("| `{name}` | {value} |\n"));
+            for (name, value) in rows {
+                writeln!(text, "| `{name}` | {value} |").ok();
+            }
         }
     }
     text

@@ -1,5 +1,6 @@
 //! `dropj repair`.
 
+use std::fmt::Write as _;
 use std::path::PathBuf;
 
 use dropj::session::{Origin, repair};
@@ -43,16 +44,17 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
         let mut words = String::new();
         for note in &repaired.notes {
             words += &note.line.map_or_else(String::new, |line| format!("line {line}: "));
-            words += &format!("{}\n", note.what);
+            writeln!(words, "{}", note.what).ok();
         }
         if options.dry_run {
-            words += &format!("{n} events can be kept; nothing was changed: {dir:?}\n");
+            writeln!(words, "{n} events can be kept; nothing was changed: {dir:?}").ok();
         } else if repaired.kept_beside.is_empty() && repaired.notes.is_empty() {
-            words += &format!("there is nothing to repair, and nothing was changed: {n} events in {dir:?}\n");
+            writeln!(words, "there is nothing to repair, and nothing was changed: {n} events in {dir:?}")
+                .ok();
         } else {
-            words += &format!("{n} events are kept in {dir:?}\n");
+            writeln!(words, "{n} events are kept in {dir:?}").ok();
             for beside in &repaired.kept_beside {
-                words += &format!("what stood there before is in {beside:?}\n");
+                writeln!(words, "what stood there before is in {beside:?}").ok();
             }
         }
         words

@@ -63,7 +63,7 @@ fn a_network_goes_to_the_hub_as_it_is_with_what_is_known_of_it() {
     assert!(fs::read(dir.join("world/model.safetensors")).unwrap() == fs::read(&world).unwrap());
     let config = fs::read(dir.join("world/config.json")).unwrap();
     let config: Value = serde_json::from_slice(&config).unwrap();
-    assert_eq!((&config["hash"], &config["config"]["env"]), (&told["sha256"], &"car-racing".into()));
+    assert_eq!((&config["hash"], &config["config"]["env"]), (&told["hash"], &"car-racing".into()));
     let card = fs::read_to_string(dir.join("world/README.md")).unwrap();
     assert!(card.contains("| `figures.reconstruction` | 0.0625 |"), "{card}");
     // Two things are not put into one folder.
