@@ -138,7 +138,7 @@ pub fn run_trial(
     let config = simulation(description, trial, ground);
     let learns = variants.iter().any(|variant| variant.plans != Plans::Oracle);
     let (dreams, answers) = if learns {
-        dreamed(trial, &config, ground, on_stage)?
+        dreamed(description, trial, &config, ground, on_stage)?
     } else {
         (Vec::new(), Answers::Pairs(Vec::new()))
     };
@@ -176,7 +176,7 @@ pub fn run_trial(
         }
     }
     if description.times {
-        outcome.times = measured(trial, ground.model)?;
+        outcome.times = measured(trial, ground.model, &synthesis(description))?;
     }
     Ok(outcome)
 }
@@ -187,7 +187,13 @@ fn simulation(description: &Description, trial: &Trial, ground: &Ground<'_>) -> 
     SimulateConfig { planner: config.planner.clone().for_model(ground.model), ..config }
 }
 
+/// How trajectories are searched for.
+fn synthesis(description: &Description) -> SynthesisConfig {
+    SynthesisConfig { iterations: description.iterations, ..SynthesisConfig::paper() }
+}
+
 fn dreamed(
+    description: &Description,
     trial: &Trial,
     config: &SimulateConfig,
     ground: &Ground<'_>,
@@ -205,7 +211,7 @@ fn dreamed(
     };
     Ok(match trial.method {
         Protocol::Request => {
-            let (synthesis, learning) = (SynthesisConfig::paper(), SparseConfig::request());
+            let (synthesis, learning) = (synthesis(description), SparseConfig::request());
             let made =
                 simulate_request(model, probe, config, starts, &synthesis, &learning, &mut on_progress)?;
             let made = made.ok_or(TrialError::Stopped)?;
