@@ -98,6 +98,9 @@ pub struct Description {
     /// Whether it is measured how long this machine takes for a trajectory to be labeled: DROS's and `ReQueST`'s.
     #[serde(default, skip_serializing_if = "is_false")]
     pub times: bool,
+    /// Steps of the gradient by which `ReQueST` searches for a trajectory. The authors' code: 200.
+    #[serde(default = "two_hundred", skip_serializing_if = "is_two_hundred")]
+    pub iterations: usize,
     /// So many states of each method's labeled trajectories are laid out in the plane; none where it is 0.
     #[serde(default, skip_serializing_if = "is_none")]
     pub states: usize,
@@ -269,6 +272,7 @@ impl Description {
             ("episodes", least_driven, self.episodes as usize),
             ("trials", 1, self.methods.len() * self.strategies.len() * self.seeds.len() * n_worlds),
             ("states", 0, self.states),
+            ("iterations", 1, self.iterations),
         ];
         for (what, least, n) in counts {
             if !(least..=MOST).contains(&n) {
@@ -484,6 +488,15 @@ fn is_false(value: &bool) -> bool {
 #[expect(clippy::trivially_copy_pass_by_ref, reason = "serde hands over a reference")]
 fn is_none(n: &usize) -> bool {
     *n == 0
+}
+
+fn two_hundred() -> usize {
+    200
+}
+
+#[expect(clippy::trivially_copy_pass_by_ref, reason = "serde hands over a reference")]
+fn is_two_hundred(n: &usize) -> bool {
+    *n == two_hundred()
 }
 
 fn thousand() -> usize {

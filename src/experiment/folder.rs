@@ -290,7 +290,7 @@ impl Folder {
         let times: Vec<SegmentTime> = self.all_beside("times")?;
         if !times.is_empty() {
             self.write("times.csv", segment_times::to_csv(&times).as_bytes())?;
-            words.push_str(&segment_times::words(&times));
+            words.push_str(&segment_times::words(&times, self.description.iterations));
         }
         Ok(())
     }

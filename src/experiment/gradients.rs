@@ -202,12 +202,12 @@ pub(super) fn words(description: &Description, rows: &[GradientRow]) -> String {
     let mut text = "\n## Gradients\n\n".to_owned();
     text.push_str(
         "The claim (Theorem 1): an answer that prefers a clip because it is safe has a larger gradient than one that prefers it \
-         for another reason, as its label is further from ½. Means over the answers of each kind; seeds where the first is larger; \
-         and the epochs after which the mean over seeds is no longer so.\n",
+         for another reason, as its label is further from ½. Means over the answers of each kind, in seeds that have both; in how many \
+         of these the first is larger; and after how many epochs its mean over seeds is, the state before the first step among them.\n",
     );
     for (_, y, part) in BY {
         let _ = writeln!(text, "\nBy {y}:\n");
-        text.push_str("| | before the first step: safe, otherwise | seeds | after the last | seeds | larger in epochs |\n");
+        text.push_str("| | before the first step: safe, otherwise | seeds | after the last epoch | seeds | larger after so many epochs |\n");
         text.push_str("|---|---:|---:|---:|---:|---|\n");
         for (weights, fit, courses) in variants(rows, part) {
             let _ = writeln!(text, "| {} | {} |", name_of(&weights, fit), compared(&courses));
@@ -222,34 +222,39 @@ pub(super) fn words(description: &Description, rows: &[GradientRow]) -> String {
     text
 }
 
-/// The cells of a variant.
+/// The cells of a variant: seeds that have answers of both kinds are compared, each with itself.
 fn compared(courses: &Courses) -> String {
-    let at = |about: About, epoch: usize| courses.get(&(about, epoch)).cloned().unwrap_or_default();
-    let mean = |of: &BTreeMap<u64, f64>| of.values().sum::<f64>() / of.len() as f64;
+    let both = |epoch: usize| -> Vec<(f64, f64)> {
+        let of = |about: About| courses.get(&(about, epoch));
+        let (Some(safety), Some(other)) = (of(About::Safety), of(About::Default)) else { return Vec::new() };
+        safety.iter().filter_map(|(seed, norm)| Some((*norm, *other.get(seed)?))).collect()
+    };
     let last = courses.keys().map(|(_, epoch)| *epoch).max().unwrap_or(0);
-    // Fits of few answers have more epochs: the last that all seeds have.
-    let n_seeds = courses.values().map(BTreeMap::len).max().unwrap_or(0);
-    let has_all =
-        |epoch: &usize| [About::Safety, About::Default].iter().all(|it| at(*it, *epoch).len() == n_seeds);
-    let epochs: Vec<usize> = (0..=last).filter(has_all).collect();
+    let n_seeds = both(0).len();
+    // Fits of few answers have more epochs: those that all seeds have.
+    let epochs: Vec<usize> =
+        (0..=last).filter(|epoch| n_seeds > 0 && both(*epoch).len() == n_seeds).collect();
     let (Some(&first), Some(&last)) = (epochs.first(), epochs.last()) else {
-        return "not every seed has answers of both kinds | | | | ".to_owned();
+        return "no seed has answers of both kinds | | | |".to_owned();
+    };
+    let mean = |values: Vec<f64>| values.iter().sum::<f64>() / values.len() as f64;
+    let means = |epoch: usize| {
+        let (safety, other): (Vec<f64>, Vec<f64>) = both(epoch).into_iter().unzip();
+        (mean(safety), mean(other))
     };
     let cell = |epoch: usize| {
-        let (safety, other) = (at(About::Safety, epoch), at(About::Default, epoch));
-        let n =
-            safety.iter().filter(|(seed, norm)| other.get(seed).is_some_and(|other| *norm > other)).count();
-        format!("{:.3}, {:.3} | {n} of {n_seeds}", mean(&safety), mean(&other))
+        let (safety, other) = means(epoch);
+        let n = both(epoch).iter().filter(|(safety, other)| safety > other).count();
+        format!("{safety:.3}, {other:.3} | {n} of {n_seeds}")
     };
-    let is_larger = |epoch: &usize| mean(&at(About::Safety, *epoch)) > mean(&at(About::Default, *epoch));
-    let n_larger = epochs.iter().filter(|epoch| is_larger(epoch)).count();
+    let is_larger = |epoch: &&usize| {
+        let (safety, other) = means(**epoch);
+        safety > other
+    };
+    let n_larger = epochs.iter().filter(is_larger).count();
     let turn = epochs.iter().find(|epoch| !is_larger(epoch));
-    let until = match turn {
-        None => "all".to_owned(),
-        Some(0) if n_larger == 0 => "none".to_owned(),
-        Some(turn) => format!("{n_larger} of {}; not in {turn}", epochs.len()),
-    };
-    format!("{} | {} | {until}", cell(first), cell(last))
+    let turn = turn.map_or(String::new(), |epoch| format!("; first not after {epoch}"));
+    format!("{} | {} | {n_larger} of {}{turn}", cell(first), cell(last), epochs.len())
 }
 
 #[cfg(test)]
@@ -291,7 +296,7 @@ mod tests {
         let line = text.lines().filter(|line| line.starts_with("| usual weights")).nth(1).unwrap();
         assert_eq!(
             line,
-            "| usual weights, fit: ours | 0.500, 0.250 | 3 of 3 | 0.100, 0.150 | 0 of 3 | 2 of 3; not in 2 |"
+            "| usual weights, fit: ours | 0.500, 0.250 | 3 of 3 | 0.100, 0.150 | 0 of 3 | 2 of 3; first not after 2 |"
         );
         let drawn = figures(&rows).unwrap();
         let names: Vec<_> = drawn.iter().map(|figure| figure.name.as_str()).collect();

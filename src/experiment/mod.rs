@@ -14,6 +14,7 @@ pub mod description;
 pub mod figures;
 pub mod folder;
 pub mod gradients;
+mod learner;
 pub mod mistakes;
 pub mod named;
 pub mod options;

@@ -36,6 +36,7 @@ impl Description {
         self.episode_steps = episode_steps;
         self.states = self.states.min(queries * 4);
         self.recorded.truncate(2);
+        self.iterations = self.iterations.min(if scale == Scale::Toy { 4 } else { 50 });
         if scale == Scale::Toy {
             // As many as there are, so that they stay apart.
             self.recorded = (2..).take(self.recorded.len()).collect();

@@ -57,8 +57,13 @@ pub(super) fn evaluated(search: &Search, episodes: &[EpisodeMetrics]) -> (f64, B
         .keys()
         .map(|key| (key.clone(), mean(episodes.iter().filter_map(|episode| rate(episode, key)).collect())))
         .collect();
+    // In digits that survive their file, so that a search goes on with the same numbers.
+    let rounded = |value: f64, by: f64| (value * by).round() / by;
+    let rates: BTreeMap<String, f64> =
+        rates.into_iter().map(|(key, rate)| (key, rounded(rate, 1e6))).collect();
+    let ret = rounded(ret, 1e3);
     let above = search.limits.iter().map(|(key, limit)| (rates[key] - limit).max(0.0)).sum::<f64>();
-    let worth = ret - search.penalty * above;
+    let worth = rounded(ret - search.penalty * above, 1e3);
     (ret, rates, worth)
 }
 

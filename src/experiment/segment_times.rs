@@ -43,7 +43,11 @@ pub struct SegmentTime {
 ///
 /// A played one is 50 steps of a dream, each decoded, as it is shown. One that is made is searched for alone and from all ten
 /// beginnings, by a reward that has learned nothing, which takes as long as any other.
-pub(super) fn measured(trial: &Trial, model: &WorldModel) -> Result<Vec<SegmentTime>, TrialError> {
+pub(super) fn measured(
+    trial: &Trial,
+    model: &WorldModel,
+    synthesis: &SynthesisConfig,
+) -> Result<Vec<SegmentTime>, TrialError> {
     let (method, seed) = (trial.method, trial.seed);
     let Some(start) = model.starts().first() else { return Err(TrialError::NoStarts) };
     let rng = &mut ChaCha8Rng::seed_from_u64(seed);
@@ -64,9 +68,9 @@ pub(super) fn measured(trial: &Trial, model: &WorldModel) -> Result<Vec<SegmentT
         Protocol::Request => {
             let reward = SparseReward::new(RewardInputs::of(model), SparseConfig::request(), rng);
             let wanted = [(start, Acquisition::Uncertainty)];
-            let (config, began) = (SynthesisConfig::paper(), Instant::now());
+            let began = Instant::now();
             let go_on = &mut |_| ControlFlow::Continue(());
-            synthesize(model, &reward, &wanted, None, &config, rng, go_on)?;
+            synthesize(model, &reward, &wanted, None, synthesis, rng, go_on)?;
             (began.elapsed().as_secs_f64(), 0.0)
         }
         _ => return Ok(Vec::new()),
@@ -89,7 +93,7 @@ pub(super) fn to_csv(times: &[SegmentTime]) -> String {
 }
 
 /// In words.
-pub(super) fn words(times: &[SegmentTime]) -> String {
+pub(super) fn words(times: &[SegmentTime], iterations: usize) -> String {
     let mut text = "\n## Time for a trajectory of 50 states\n\nMeasured by the clock of this machine, one thread each, and so not the \
                     same when it is run again (`times.csv`).\n\n"
         .to_owned();
@@ -100,7 +104,9 @@ pub(super) fn words(times: &[SegmentTime]) -> String {
         let what = if played > 0.0 {
             format!("to imagine and show what a person plays in {played:.1} s")
         } else {
-            "to search for one from ten beginnings, 200 iterations (the paper: 193.6 s)".to_owned()
+            format!(
+                "to search for one from ten beginnings, {iterations} iterations (the paper: 193.6 s, of 200)"
+            )
         };
         let _ = writeln!(text, "- {}: {mean:.2} s {what}; the mean of {} trials.", method.name(), of.len());
     }
@@ -119,7 +125,7 @@ mod tests {
             time(1, Protocol::Request, 30.0, 0.0),
             time(3, Protocol::Request, 40.0, 0.0),
         ];
-        let text = words(&times);
+        let text = words(&times, 200);
         assert!(
             text.contains("- DROS: 0.20 s to imagine and show what a person plays in 1.0 s; the mean of 1"),
             "{text}"

@@ -352,7 +352,7 @@ pub(super) mod tests {
     use crate::query::{DreamId, Preference, Response, SafetyAnswer, Weights};
     use crate::tensor::normal;
 
-    const F: i64 = 6;
+    pub(super) const F: i64 = 6;
 
     pub(super) fn rng(seed: u64) -> ChaCha8Rng {
         ChaCha8Rng::seed_from_u64(seed)
@@ -362,7 +362,7 @@ pub(super) mod tests {
         Weights::paper().label(&Response::Safety(answer)).unwrap()
     }
 
-    fn pair(answer: SafetyAnswer, seed: u64) -> SegmentPair {
+    pub(super) fn pair(answer: SafetyAnswer, seed: u64) -> SegmentPair {
         let segment = |seed| to_vec(&normal(&mut rng(seed), &[SEGMENT_LEN as i64, F + 3]));
         SegmentPair { left: segment(2 * seed), right: segment(2 * seed + 1), label: label(answer) }
     }
