@@ -26,6 +26,7 @@ mod state;
 
 pub mod deploy;
 pub mod dream;
+pub mod evaluate;
 pub mod label;
 pub mod record;
 pub mod reward;
@@ -48,6 +49,7 @@ pub use command::{Command, PlaybackCommand, WindowCommand};
 pub use deploy::DeployCommand;
 pub use dream::DreamCommand;
 pub use effect::Effect;
+pub use evaluate::EvaluateCommand;
 pub use label::{Budget, LabelCommand, Moment, QuerySelection};
 pub use message::{Message, MessageKind};
 pub use panel::{Field, Panel, Purpose};
@@ -148,6 +150,7 @@ impl App {
         fields.insert(Field::ModelOut, out.display().to_string());
         fields.insert(Field::RecordSeed, "1".to_owned());
         fields.insert(Field::DeploySeed, "1".to_owned());
+        fields.insert(Field::FiguresOut, "figures".to_owned());
         fields.insert(Field::Session, app.sessions.display().to_string());
         match session {
             Some(store) => app.read_session(Box::new(store)),
@@ -202,6 +205,7 @@ impl App {
             Command::Label(command) => self.label_command(command),
             Command::Reward(command) => self.reward_command(command),
             Command::Deploy(command) => self.deploy_command(command),
+            Command::Evaluate(command) => self.evaluate_command(command),
             Command::Session(command) => self.session_command(command),
         }
     }
@@ -215,6 +219,7 @@ impl App {
             Report::Label(report) => self.label_report(report),
             Report::Reward(report) => self.reward_report(report),
             Report::Deploy(report) => self.deploy_report(report),
+            Report::Evaluate(report) => self.evaluate_report(report),
             Report::Session(report) => self.session_report(report),
             Report::Job(report) => self.job_report(report),
             Report::Failed(failure) => self.worker_failed(failure),
@@ -237,6 +242,7 @@ impl App {
         self.advance_clips(tick);
         self.advance_review(tick.dt);
         self.advance_episode(tick.dt);
+        self.advance_replay(tick.dt);
         let now = self.state.now;
         self.state.messages.retain(|message| message.until.is_none_or(|until| until > now));
     }
@@ -294,6 +300,10 @@ impl App {
             Purpose::Env => self.job(JobCommand::Identify(path)),
             Purpose::Recordings => self.use_dataset(path),
             Purpose::Merge => self.session_command(SessionCommand::AddToMerge(path)),
+            Purpose::Results | Purpose::ResultsFile => {
+                self.evaluate_command(EvaluateCommand::Open(path));
+            }
+            Purpose::Save(part) => self.save_results(part, path),
         }
     }
 
@@ -364,6 +374,7 @@ fn needs_session(command: &Command) -> bool {
         }
         Command::Window(command) => matches!(command, WindowCommand::Restart),
         Command::Record(_) | Command::WorldModel(_) | Command::Playback(_) | Command::Deploy(_) => false,
+        Command::Evaluate(_) => false,
     }
 }
 

@@ -6,6 +6,7 @@ use std::sync::Arc;
 
 use crate::app::deploy::Deploying;
 use crate::app::dream::{Dreaming, Reviewing};
+use crate::app::evaluate::Evaluating;
 use crate::app::label::{Labeling, Moment};
 use crate::app::message::Message;
 use crate::app::panel::{Field, Panel};
@@ -61,6 +62,7 @@ pub struct State {
     pub(crate) reward: Rewarding,
     pub(crate) review: Reviewing,
     pub(crate) deploy: Deploying,
+    pub(crate) evaluate: Evaluating,
 }
 
 impl State {
@@ -135,7 +137,7 @@ impl State {
         match self.panel {
             Panel::Dream => self.dream.is_on,
             Panel::Record => self.record.is_on,
-            Panel::World | Panel::Label | Panel::Reward | Panel::Deploy => false,
+            Panel::World | Panel::Label | Panel::Reward | Panel::Deploy | Panel::Evaluate => false,
         }
     }
 }

@@ -4,21 +4,22 @@ use std::sync::Once;
 
 use plotters::coord::Shift;
 use plotters::coord::types::RangedCoordf64;
+use plotters::element::ComposedElement;
 use plotters::prelude::*;
 use plotters::style::{FontStyle, register_font};
 
 use super::description::{Axis, Description};
-use super::summary::{Series, series};
+use super::summary::{Point, series};
 use super::table::{Measure, Rows};
 use crate::dataset::png_bytes;
 use crate::world::Frame;
 
 /// Pixels of a figure.
-const SIZE: (u32, u32) = (900, 560);
+pub(super) const SIZE: (u32, u32) = (900, 560);
 /// The name under which the font of the window is known to figures.
-const FONT: &str = "sans-serif";
+pub(super) const FONT: &str = "sans-serif";
 /// Colors that people who see fewer of them tell apart, too (Okabe and Ito).
-const COLORS: [RGBColor; 8] = [
+pub(super) const COLORS: [RGBColor; 8] = [
     RGBColor(0, 114, 178),
     RGBColor(213, 94, 0),
     RGBColor(0, 158, 115),
@@ -58,21 +59,56 @@ pub fn figures(description: &Description, rows: &Rows) -> Result<Vec<Figure>, Fi
 
 fn figure(description: &Description, rows: &Rows, measure: &Measure) -> Result<Figure, FigureError> {
     let all = series(description, rows, measure);
-    let failed = |met: String| FigureError { what: measure.title(), met };
+    let names = all.iter().enumerate().map(|(i, (name, points))| (i, name.as_str(), &points[..])).collect();
+    let of = Drawn { title: &description.title, axis: description.axis, measure, all: names };
+    drawn(&measure.slug(), &of)
+}
+
+/// What a figure of series shows.
+pub(super) struct Drawn<'a> {
+    pub title: &'a str,
+    pub axis: Axis,
+    pub measure: &'a Measure,
+    /// The number of its color and mark, its name and its points.
+    pub all: Vec<(usize, &'a str, &'a [Point])>,
+}
+
+/// Something that is drawn as vectors and as pixels.
+pub(super) trait Draw {
+    /// What it is of.
+    fn what(&self) -> String;
+
+    /// Draws it.
+    fn draw<B: DrawingBackend>(&self, area: &DrawingArea<B, Shift>) -> Result<(), String>;
+}
+
+impl Draw for Drawn<'_> {
+    fn what(&self) -> String {
+        self.measure.title()
+    }
+
+    fn draw<B: DrawingBackend>(&self, area: &DrawingArea<B, Shift>) -> Result<(), String> {
+        if self.axis == Axis::Variants { bars(area, self) } else { lines(area, self) }
+    }
+}
+
+/// Draws `of`, whose files are called `name`.
+pub(super) fn drawn(name: &str, of: &impl Draw) -> Result<Figure, FigureError> {
+    let failed = |met: String| FigureError { what: of.what(), met };
     // Vectors name the font, and ask how wide its letters are.
     with_font();
     let mut svg = String::new();
     {
         let area = SVGBackend::with_string(&mut svg, SIZE).into_drawing_area();
-        draw(&area, description, measure, &all).map_err(failed)?;
+        area.fill(&WHITE).map_err(said).and_then(|()| of.draw(&area)).map_err(failed)?;
     }
     let mut pixels = vec![0; (SIZE.0 * SIZE.1 * 3) as usize];
     {
         let area = BitMapBackend::with_buffer(&mut pixels, SIZE).into_drawing_area();
-        draw(&area, description, measure, &all).map_err(failed)?;
+        area.fill(&WHITE).map_err(said).and_then(|()| of.draw(&area)).map_err(failed)?;
     }
     let png = png_bytes(&Frame::new(SIZE.1, SIZE.0, pixels));
-    Ok(Figure { name: measure.slug(), svg, png })
+    Ok(Figure { name: name.to_owned(), svg, png })
 }
 
 /// Makes letters known: no font of the system is asked for.
@@ -87,22 +123,8 @@ fn with_font() {
     });
 }
 
-fn draw<B: DrawingBackend>(
-    area: &DrawingArea<B, Shift>,
-    description: &Description,
-    measure: &Measure,
-    all: &[Series],
-) -> Result<(), String> {
-    area.fill(&WHITE).map_err(said)?;
-    if description.axis == Axis::Variants {
-        bars(area, description, measure, all)
-    } else {
-        lines(area, description, measure, all)
-    }
-}
-
 /// Values from 0, or below, to above the highest, in percent where they are shares.
-fn bounds(measure: &Measure, values: impl Iterator<Item = f64>) -> (f64, f64, f64) {
+pub(super) fn bounds(measure: &Measure, values: impl Iterator<Item = f64>) -> (f64, f64, f64) {
     let scale = if measure.is_share() { 100.0 } else { 1.0 };
     let (mut low, mut high) = (0.0f64, f64::EPSILON);
     for value in values {
@@ -111,42 +133,45 @@ fn bounds(measure: &Measure, values: impl Iterator<Item = f64>) -> (f64, f64, f6
     (scale, if low < 0.0 { low * 1.05 } else { 0.0 }, if high < 1e-6 { 1.0 } else { high * 1.08 })
 }
 
+impl Axis {
+    /// What a figure says under it.
+    pub fn in_words(self) -> &'static str {
+        match self {
+            Self::Answers => "answers",
+            Self::Minutes => "minutes of feedback",
+            Self::CriticalMistakes => "wrong answers to critical queries (%)",
+            Self::Variants => "",
+        }
+    }
+}
+
 /// A number at an axis, with no more digits than it has.
 #[expect(clippy::trivially_copy_pass_by_ref, reason = "axes ask so")]
-fn number(value: &f64) -> String {
+pub(super) fn number(value: &f64) -> String {
     let text = format!("{value:.2}");
     text.trim_end_matches('0').trim_end_matches('.').to_owned()
 }
 
-fn label(measure: &Measure) -> String {
+pub(super) fn label(measure: &Measure) -> String {
     if measure.is_share() { format!("{} (%)", measure.title()) } else { measure.title() }
 }
 
 /// A line a series with the interval of its mean, and a point for each seed.
-fn lines<B: DrawingBackend>(
-    area: &DrawingArea<B, Shift>,
-    description: &Description,
-    measure: &Measure,
-    all: &[Series],
-) -> Result<(), String> {
-    let points = || all.iter().flat_map(|(_, points)| points);
+fn lines<B: DrawingBackend>(area: &DrawingArea<B, Shift>, of: &Drawn<'_>) -> Result<(), String> {
+    let Drawn { title, axis, measure, all } = of;
+    let points = || all.iter().flat_map(|(.., points)| *points);
     let (scale, low, high) =
         bounds(measure, points().flat_map(|p| p.of_seeds.iter().chain(&p.mean)).copied());
     let right = points().map(|point| point.x).fold(1.0, f64::max);
     let mut chart = ChartBuilder::on(area)
-        .caption(&description.title, (FONT, 19))
+        .caption(title, (FONT, 19))
         .margin(14)
         .x_label_area_size(46)
         .y_label_area_size(70)
         .build_cartesian_2d(0.0..right * 1.03, low..high)
         .map_err(said)?;
-    let x_label = match description.axis {
-        Axis::Answers => "answers",
-        Axis::Minutes => "minutes of feedback",
-        _ => "wrong answers to critical queries (%)",
-    };
-    grid(&mut chart, x_label, &label(measure))?;
-    for (i, (name, points)) in all.iter().enumerate() {
+    grid(&mut chart, axis.in_words(), &label(measure))?;
+    for &(i, name, points) in all {
         let color = COLORS[i % COLORS.len()];
         let upper = points.iter().map(|p| (p.x, scale * p.mean[2]));
         let lower = points.iter().rev().map(|p| (p.x, scale * p.mean[1]));
@@ -154,28 +179,22 @@ fn lines<B: DrawingBackend>(
         chart.draw_series([Polygon::new(band, color.mix(0.15))]).map_err(said)?;
         let line = LineSeries::new(points.iter().map(|p| (p.x, scale * p.mean[0])), color.stroke_width(2));
         let drawn = chart.draw_series(line).map_err(said)?;
-        drawn
-            .label(name)
-            .legend(move |(x, y)| PathElement::new([(x, y), (x + 18, y)], color.stroke_width(3)));
+        drawn.label(name).legend(move |at| mark_in_legend(i, at, color.filled()));
         let of_seeds = points.iter().flat_map(|p| p.of_seeds.iter().map(|value| (p.x, scale * value)));
-        chart.draw_series(of_seeds.map(|at| Circle::new(at, 2, color.mix(0.6).filled()))).map_err(said)?;
+        chart.draw_series(of_seeds.map(|at| mark(i, at, 4, color.mix(0.8).filled()))).map_err(said)?;
     }
     legend(&mut chart)?;
     area.present().map_err(said)
 }
 
 /// The mean of each series with its interval, and a point for each seed.
-fn bars<B: DrawingBackend>(
-    area: &DrawingArea<B, Shift>,
-    description: &Description,
-    measure: &Measure,
-    all: &[Series],
-) -> Result<(), String> {
-    let points = || all.iter().flat_map(|(_, points)| points);
+fn bars<B: DrawingBackend>(area: &DrawingArea<B, Shift>, of: &Drawn<'_>) -> Result<(), String> {
+    let Drawn { title, measure, all, .. } = of;
+    let points = || all.iter().flat_map(|(.., points)| *points);
     let (scale, low, high) =
         bounds(measure, points().flat_map(|p| p.of_seeds.iter().chain(&p.mean)).copied());
     let mut chart = ChartBuilder::on(area)
-        .caption(&description.title, (FONT, 19))
+        .caption(title, (FONT, 19))
         .margin(14)
         .x_label_area_size(20)
         .y_label_area_size(70)
@@ -193,10 +212,10 @@ fn bars<B: DrawingBackend>(
         .bold_line_style(BLACK.mix(0.12))
         .draw()
         .map_err(said)?;
-    for (i, (name, points)) in all.iter().enumerate() {
+    for (place, &(i, name, points)) in all.iter().enumerate() {
         let color = COLORS[i % COLORS.len()];
         for point in points {
-            let x = i as f64;
+            let x = place as f64;
             let [mean, from, to] = point.mean.map(|value| scale * value);
             let bar =
                 Rectangle::new([(x - 0.28, 0.0f64.max(low)), (x + 0.28, mean)], color.mix(0.35).filled());
@@ -218,9 +237,68 @@ fn bars<B: DrawingBackend>(
     area.present().map_err(said)
 }
 
-type Chart<'a, B> = ChartContext<'a, B, Cartesian2d<RangedCoordf64, RangedCoordf64>>;
+pub(super) type Chart<'a, B> = ChartContext<'a, B, Cartesian2d<RangedCoordf64, RangedCoordf64>>;
 
-fn grid<B: DrawingBackend>(chart: &mut Chart<'_, B>, x: &str, y: &str) -> Result<(), String> {
+/// The outline of a mark by its number, from its middle, in pixels: no two of eight are alike, whoever sees their colors.
+pub(super) fn outline(i: usize, r: i32) -> Vec<(i32, i32)> {
+    // In quarters of `r`.
+    let points: &[(i32, i32)] = match i % COLORS.len() {
+        0 => &[(4, 0), (3, 3), (0, 4), (-3, 3), (-4, 0), (-3, -3), (0, -4), (3, -3)],
+        1 => &[(-4, -4), (4, -4), (4, 4), (-4, 4)],
+        2 => &[(0, -5), (5, 4), (-5, 4)],
+        3 => &[(0, -6), (6, 0), (0, 6), (-6, 0)],
+        4 => &[(0, 5), (5, -4), (-5, -4)],
+        5 => &[
+            (-5, -3),
+            (-3, -5),
+            (0, -2),
+            (3, -5),
+            (5, -3),
+            (2, 0),
+            (5, 3),
+            (3, 5),
+            (0, 2),
+            (-3, 5),
+            (-5, 3),
+            (-2, 0),
+        ],
+        6 => &[
+            (-1, -6),
+            (1, -6),
+            (1, -1),
+            (6, -1),
+            (6, 1),
+            (1, 1),
+            (1, 6),
+            (-1, 6),
+            (-1, 1),
+            (-6, 1),
+            (-6, -1),
+            (-1, -1),
+        ],
+        _ => &[(0, -6), (1, -2), (6, -2), (2, 1), (4, 6), (0, 3), (-4, 6), (-2, 1), (-6, -2), (-1, -2)],
+    };
+    points.iter().map(|(x, y)| (x * r / 4, y * r / 4)).collect()
+}
+
+/// A mark at a place of a figure.
+pub(super) type Mark<C, B> = ComposedElement<C, B, Polygon<(i32, i32)>, PathElement<(i32, i32)>>;
+
+/// The mark with this number.
+pub(super) fn mark<B: DrawingBackend, C>(i: usize, at: C, r: i32, style: ShapeStyle) -> Mark<C, B> {
+    let mut around = outline(i, r);
+    let inside = Polygon::new(around.clone(), style);
+    around.extend(around.first().copied());
+    EmptyElement::at(at) + inside + PathElement::new(around, style)
+}
+
+/// The same in a legend, left of a name.
+pub(super) fn mark_in_legend(i: usize, (x, y): (i32, i32), style: ShapeStyle) -> Polygon<(i32, i32)> {
+    let points: Vec<_> = outline(i, 4).into_iter().map(|(right, down)| (x + 9 + right, y + down)).collect();
+    Polygon::new(points, style)
+}
+
+pub(super) fn grid<B: DrawingBackend>(chart: &mut Chart<'_, B>, x: &str, y: &str) -> Result<(), String> {
     chart
         .configure_mesh()
         .x_desc(x)
@@ -235,7 +313,7 @@ fn grid<B: DrawingBackend>(chart: &mut Chart<'_, B>, x: &str, y: &str) -> Result
         .map_err(said)
 }
 
-fn legend<'a, B: DrawingBackend + 'a>(chart: &mut Chart<'a, B>) -> Result<(), String> {
+pub(super) fn legend<'a, B: DrawingBackend + 'a>(chart: &mut Chart<'a, B>) -> Result<(), String> {
     chart
         .configure_series_labels()
         .position(SeriesLabelPosition::UpperRight)
@@ -246,7 +324,7 @@ fn legend<'a, B: DrawingBackend + 'a>(chart: &mut Chart<'a, B>) -> Result<(), St
         .map_err(said)
 }
 
-fn said(met: impl std::fmt::Display) -> String {
+pub(super) fn said(met: impl std::fmt::Display) -> String {
     met.to_string()
 }
 

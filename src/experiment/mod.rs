@@ -7,22 +7,32 @@
 //! A trial is a whole chain for one method and one seed: dreams are played, queries are answered, and from the same answers
 //! each [`Variant`] learns a reward and drives. So variants are paired, and what is dreamed is dreamed once. Trials know
 //! nothing of each other: any number of processes works on a folder, on this machine or on a cluster.
+//!
+//! Results of any kind are [`Opened`] beside each other, compared by the same tests, and drawn by the same hand.
 
+pub mod comparison;
 pub mod description;
 pub mod figures;
 pub mod folder;
 pub mod mistakes;
 pub mod named;
+pub mod opened;
+pub mod read_csv;
+pub mod side_by_side;
 pub mod slurm;
 pub mod summary;
 pub mod table;
 pub mod trial;
 
+pub use comparison::{Comparison, Group, Verdict};
 pub use description::{
     Annotators, Axis, Description, DescriptionError, Fit, Plans, Scale, Trial, Variant, WeightSet,
 };
+pub use figures::Figure;
 pub use folder::Folder;
 pub use mistakes::Mistakes;
 pub use named::{named, names};
-pub use table::{Row, Rows};
+pub use opened::{Curves, Opened, ResultsError, Run, RunEpisode, is_results};
+pub use summary::{Point, Series};
+pub use table::{Measure, Row, Rows};
 pub use trial::{Ground, Stage, TrialError, run_trial};

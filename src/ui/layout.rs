@@ -6,7 +6,9 @@ use crate::app::{Command, Panel, WindowCommand};
 use crate::ui::command::Commands;
 use crate::ui::settings::help;
 use crate::ui::tokens::{PAD, Tokens};
-use crate::ui::{View, deploy, dream, input, label, rail, record, reward, session, status, world_model};
+use crate::ui::{
+    View, deploy, dream, evaluate, input, label, rail, record, reward, session, status, world_model,
+};
 
 /// The whole window.
 pub(super) fn window_ui(ui: &mut Ui, state: &View<'_>, commands: &mut Commands) {
@@ -35,6 +37,7 @@ pub(super) fn window_ui(ui: &mut Ui, state: &View<'_>, commands: &mut Commands) 
             Panel::Label => label::label_ui(ui, state, commands),
             Panel::Reward => reward::reward_ui(ui, state, commands),
             Panel::Deploy => deploy::deploy_ui(ui, state, commands),
+            Panel::Evaluate => evaluate::evaluate_ui(ui, state, commands),
         },
     );
     status::messages_ui(ui, state, commands);

@@ -4,11 +4,13 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use crate::dataset::DatasetError;
+use crate::experiment::ResultsError;
 use crate::query::{DreamId, QueryId};
 use crate::reward::RewardError;
 use crate::run::RunError;
 use crate::session::SessionError;
 use crate::tensor::NotFinite;
+use crate::worker::jobs::SaveError;
 use crate::worker::{OpenError, WorkerError};
 use crate::world::SpecError;
 use crate::world_model::WorldModelError;
@@ -79,7 +81,18 @@ macro_rules! met {
     };
 }
 
-met!(TaskError, OpenError, WorldModelError, RewardError, DatasetError, SessionError, RunError, NotFinite);
+met!(
+    TaskError,
+    OpenError,
+    WorldModelError,
+    RewardError,
+    DatasetError,
+    SessionError,
+    RunError,
+    NotFinite,
+    ResultsError,
+    SaveError
+);
 
 impl WorkerError {
     /// That it ended what it was doing, where nothing more is known of it.

@@ -1,5 +1,9 @@
 //! Single pieces of work on files, each in a thread of its own, so that one may overtake the other.
 
+mod results;
+
+pub(super) use results::SaveError;
+
 use std::ops::ControlFlow;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
@@ -7,6 +11,7 @@ use std::sync::Arc;
 use std::thread::JoinHandle;
 
 use crate::dataset::Dataset;
+use crate::experiment::{Opened, is_results};
 use crate::run::read_at_most;
 use crate::session::header::FILE as SESSION_FILE;
 use crate::session::list_sessions as all_sessions;
@@ -62,6 +67,10 @@ fn do_while(
         }
         JobCommand::OpenRecordings { dir, spec } => open_recordings(dir, &spec),
         JobCommand::Identify(path) => identify(path),
+        JobCommand::OpenResults(path) => open_results(&path),
+        JobCommand::SaveResults { part, path, shown } => results::save(part, &path, &shown)
+            .map(|said| Some(JobReport::Saved(Ok(said))))
+            .map_err(WorkerError::from),
     };
     match done {
         Ok(Some(done)) => report(done),
@@ -82,6 +91,10 @@ enum Kind {
     Open,
     /// Lists sessions.
     List,
+    /// Reads results.
+    Results,
+    /// Saves what is shown of them.
+    Save,
     Other,
 }
 
@@ -93,6 +106,8 @@ impl Kind {
                 Self::Open
             }
             JobCommand::ListSessions { .. } | JobCommand::StopListing => Self::List,
+            JobCommand::OpenResults(_) => Self::Results,
+            JobCommand::SaveResults { .. } => Self::Save,
             JobCommand::ListMergeable { .. }
             | JobCommand::Merge { .. }
             | JobCommand::HandOver { .. }
@@ -108,6 +123,8 @@ impl Kind {
             Self::Load => "loader",
             Self::Open => "opener",
             Self::List => "lister",
+            Self::Results => "results",
+            Self::Save => "saver",
             Self::Other => "job",
         }
     }
@@ -117,6 +134,8 @@ impl Kind {
             Self::Load => JobReport::WorldModel(Err(error)),
             Self::Open => JobReport::Session(Err(error)),
             Self::List => JobReport::NotListed(error),
+            Self::Results => JobReport::Results(Err(error)),
+            Self::Save => JobReport::Saved(Err(error)),
             Self::Other => JobReport::Failed(error),
         }
     }
@@ -149,7 +168,8 @@ impl Jobs {
             Kind::Load => Some(&mut self.loading),
             Kind::Open => Some(&mut self.opening),
             Kind::List => Some(&mut self.listing),
-            Kind::Other => None,
+            // Each counts: several may be dropped at once.
+            Kind::Results | Kind::Save | Kind::Other => None,
         }
     }
 
@@ -334,15 +354,22 @@ fn identify(path: PathBuf) -> Done {
     let has = |wanted| path.extension().is_some_and(|extension| extension == wanted);
     let dropped = if has("safetensors") {
         Dropped::WorldModel
-    } else if has("toml") {
+    } else if has("toml") && !is_results(&path) {
         check_world(&path)?;
         Dropped::World
     } else if path.join(SESSION_FILE).exists() {
         Dropped::Session
+    } else if is_results(&path) {
+        Dropped::Results
     } else {
         Dropped::Recordings
     };
     Ok(Some(JobReport::Identified(path, dropped)))
+}
+
+fn open_results(path: &Path) -> Done {
+    let opened = Opened::read(path)?;
+    Ok(Some(JobReport::Results(Ok(Box::new(opened)))))
 }
 
 /// Fails where a file is no world's.

@@ -29,6 +29,7 @@ pub mod episode_browser;
 pub mod jobs;
 pub mod modeler;
 pub mod recorder;
+pub mod replayer;
 pub mod screener;
 pub mod session_writer;
 pub mod synthesizer;
@@ -46,19 +47,19 @@ use crate::world::{Action, Frame, World, WorldError};
 pub use channel::{Inbox, Reports};
 pub use command::{
     ClipperCommand, DreamInspectorCommand, DreamerCommand, DriverCommand, EpisodeBrowserCommand, FolderCheck,
-    JobCommand, ModelerCommand, RecorderCommand, ScreenerCommand, SessionWriterCommand, SynthesizerCommand,
-    TrainerCommand, WorkerCommand,
+    JobCommand, ModelerCommand, RecorderCommand, ReplayerCommand, ScreenerCommand, SessionWriterCommand,
+    SynthesizerCommand, TrainerCommand, WorkerCommand,
 };
 pub use read_ahead::read_ahead;
 pub use report::{
-    Cause, DeployReport, DreamReport, DreamStart, Dropped, JobReport, LabelReport, Learning, LoadedWorld,
-    RecordReport, Report, RewardReport, SessionItem, SessionReport, WorkerError, WorkerFailure, WorkerName,
-    WorldModelReport,
+    Cause, DeployReport, DreamReport, DreamStart, Dropped, EvaluateReport, JobReport, LabelReport, Learning,
+    LoadedWorld, RecordReport, Report, RewardReport, SessionItem, SessionReport, WorkerError, WorkerFailure,
+    WorkerName, WorldModelReport,
 };
 pub use session_writer::SessionWriter;
 pub use view::{
     CandidateView, ClipRewards, DreamRewards, DriveView, EpisodeList, EpisodeView, LiveView, OpenEpisode,
-    Promise, ReviewView, RolloutComparison, RolloutView,
+    Promise, ReplayView, ReviewView, RolloutComparison, RolloutView,
 };
 pub use workers::{LoadWorldModel, Slots, Threads, WorkerConfig, Workers};
 

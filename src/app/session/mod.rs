@@ -202,6 +202,8 @@ impl App {
             JobReport::Compared(dir, annotators) => self.annotators_compared(&dir, annotators),
             JobReport::Made(dir, said) => self.session_made(dir, said),
             JobReport::Recordings(dir, said) => self.recordings_found(&dir, said),
+            JobReport::Results(read) => self.results_read(read),
+            JobReport::Saved(saved) => self.results_saved(saved),
             JobReport::Failed(error) => self.job_failed(&error),
         }
     }

@@ -88,7 +88,7 @@ pub(in crate::ui) fn help_ui(ui: &mut Ui, state: &View<'_>, commands: &mut Comma
                 keys_ui(&mut columns[1], state, "Labeling", LABELING, commands);
             });
             ui.add_space(GAP);
-            ui.label(tokens::small(ui, "Ctrl and 1 to 6 go to a panel; Ctrl+Z undoes an answer, Ctrl+Shift+Z or Ctrl+Y gives it back. Looking at a kept dream: Page Up and Page Down for others, Delete deletes it."));
+            ui.label(tokens::small(ui, "Ctrl and 1 to 7 go to a panel; Ctrl+Z undoes an answer, Ctrl+Shift+Z or Ctrl+Y gives it back. Looking at a kept dream or a driven episode: Page Up and Page Down for others; Delete deletes a dream."));
             ui.label(tokens::small(ui, ON_SEEING));
             ui.add_space(GAP);
             ui.label(tokens::small(ui, format!("dropj {} · drawn by {}", env!("CARGO_PKG_VERSION"), state.settings.adapter)));
