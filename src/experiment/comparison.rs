@@ -74,11 +74,13 @@ pub struct Comparison {
 pub struct Pair {
     /// The numbers of both.
     pub of: (usize, usize),
+    /// Seeds and tracks that both drove.
+    pub n_blocks: usize,
     /// The mean difference over the seeds that both have, and the bounds of its interval of 95 %.
     pub difference: Option<[f64; 3]>,
     /// Cliff's δ of the episodes.
     pub delta: f64,
-    /// Wilcoxon's probability over the blocks, corrected by Holm's method. 1 where there is no block.
+    /// Wilcoxon's probability over the seeds and tracks that both drove, corrected by Holm's method. 1 where there is none.
     pub wilcoxon: f64,
     /// Dunn's probability.
     pub dunn: Option<f64>,
@@ -117,11 +119,12 @@ impl Comparison {
         if groups.len() < 2 {
             return None;
         }
-        let blocks = blocks(groups);
+        let all: Vec<&Group> = groups.iter().collect();
+        let blocks = blocks(&all);
         let values: Vec<Vec<f64>> = groups.iter().map(Group::values).collect();
         let values: Vec<&[f64]> = values.iter().map(Vec::as_slice).collect();
         let n_seeds = groups.iter().map(|group| group.of_seeds().len()).min().unwrap_or(0);
-        let pairs = if groups.len() > MOST_COMPARED { Vec::new() } else { pairs(groups, &values, &blocks) };
+        let pairs = if groups.len() > MOST_COMPARED { Vec::new() } else { pairs(groups, &values) };
         Some(Self {
             n_seeds,
             n_blocks: blocks.len(),
@@ -132,13 +135,15 @@ impl Comparison {
     }
 }
 
-fn pairs(groups: &[Group], values: &[&[f64]], blocks: &[Vec<f64>]) -> Vec<Pair> {
+fn pairs(groups: &[Group], values: &[&[f64]]) -> Vec<Pair> {
     let all: Vec<(usize, usize)> =
         (0..groups.len()).flat_map(|i| (i + 1..groups.len()).map(move |j| (i, j))).collect();
-    let raw: Vec<f64> = all
+    // What both drove, whatever others did.
+    let both: Vec<Vec<Vec<f64>>> = all.iter().map(|&(i, j)| blocks(&[&groups[i], &groups[j]])).collect();
+    let raw: Vec<f64> = both
         .iter()
-        .map(|&(i, j)| {
-            let pairs: Vec<(f64, f64)> = blocks.iter().map(|block| (block[i], block[j])).collect();
+        .map(|blocks| {
+            let pairs: Vec<(f64, f64)> = blocks.iter().map(|block| (block[0], block[1])).collect();
             wilcoxon(&pairs).unwrap_or(1.0)
         })
         .collect();
@@ -152,12 +157,13 @@ fn pairs(groups: &[Group], values: &[&[f64]], blocks: &[Vec<f64>]) -> Vec<Pair> 
         let is_apart = difference.is_some_and(|[_, low, high]| low > 0.0 || high < 0.0);
         let verdict = match one.len().min(other.len()) {
             0 | 1 => Verdict::OneSeed,
-            _ if blocks.is_empty() => Verdict::Unpaired,
+            _ if both[n].is_empty() => Verdict::Unpaired,
             _ if corrected[n] < ALPHA && is_apart => Verdict::Differ,
             _ => Verdict::NotToldApart,
         };
         Pair {
             of: (i, j),
+            n_blocks: both[n].len(),
             difference,
             delta: cliffs_delta(values[i], values[j]).unwrap_or(0.0),
             wilcoxon: corrected[n],
@@ -169,8 +175,8 @@ fn pairs(groups: &[Group], values: &[&[f64]], blocks: &[Vec<f64>]) -> Vec<Pair> 
 }
 
 /// For each seed and track that all groups drove, a value of each, in the order of seeds and tracks.
-fn blocks(groups: &[Group]) -> Vec<Vec<f64>> {
-    let of = |group: &Group| -> BTreeMap<(Option<u64>, u64), f64> {
+fn blocks(groups: &[&Group]) -> Vec<Vec<f64>> {
+    let of = |group: &&Group| -> BTreeMap<(Option<u64>, u64), f64> {
         group.episodes.iter().filter_map(|it| Some(((it.seed, it.track?), it.value))).collect()
     };
     let all: Vec<_> = groups.iter().map(of).collect();

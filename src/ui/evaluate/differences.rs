@@ -27,7 +27,7 @@ pub(super) fn differences_ui(ui: &mut Ui, state: &View<'_>) {
             told(test.p)
         ));
     } else if found.n_blocks == 0 {
-        said.push("All of them have no seed and track in common, so they are not paired.".to_owned());
+        said.push("No seed and track was driven by all of them, so all together are not paired.".to_owned());
     }
     if let Some(test) = found.kruskal_wallis {
         said.push(format!(
@@ -71,7 +71,7 @@ pub(super) fn differences_ui(ui: &mut Ui, state: &View<'_>) {
                     format!("{mean} [{low}, {high}]")
                 }));
                 ui.label(format!("{:+.2}", pair.delta));
-                ui.label(if found.n_blocks == 0 { "–".to_owned() } else { probability(pair.wilcoxon) });
+                ui.label(if pair.n_blocks == 0 { "–".to_owned() } else { probability(pair.wilcoxon) });
                 ui.label(pair.dunn.map_or("–".to_owned(), probability));
                 let (ink, verdict) = match pair.verdict {
                     Verdict::Differ => (tokens.text, RichText::new(pair.verdict.in_words()).strong()),

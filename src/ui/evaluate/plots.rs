@@ -146,7 +146,7 @@ fn curves_ui(ui: &mut Ui, state: &View<'_>, commands: &mut Commands) {
     let said = format!("{title}. {}", ends.collect::<Vec<_>>().join("; "));
     quietly(ui, |ui| {
         let colors: Vec<_> = all.iter().map(|(number, ..)| color(ui, *number)).collect();
-        let drawn = plot(ui, "curves").include_x(0.0).legend(legend()).show(ui, |plot| {
+        let drawn = plot(ui, "curves").include_x(0.0).show(ui, |plot| {
             for ((number, name, points), color) in all.iter().zip(colors) {
                 let xs: Vec<f64> = points.iter().map(|point| point.x).collect();
                 let of = |i: usize| points.iter().map(|point| scale * point.mean[i]).collect::<Vec<_>>();
