@@ -11,7 +11,7 @@
 //! shows it; `cli`, a part of the program and not of this library, runs it with or without a window.
 //! Data flows down this page: a module names only those before it (`tests/layering.rs`).
 //!
-//! Four ways to read it:
+//! Five ways to read it:
 //!
 //! - **An answer**: a key (`ui::label`) becomes an [`app::LabelCommand`], an event in the session's log
 //!   ([`worker::SessionWriter`]), a [`query::Label`], a gradient ([`worker::trainer`], [`reward::fit`]), and a plan
@@ -20,6 +20,9 @@
 //!   [`world_model`]), and a picture.
 //! - **A world of someone else's**: `world.toml` ([`world::WorldSpec`]) says what recordings have ([`dataset`]), which networks
 //!   see them ([`world_model`]), what can be done ([`planner`]), and which process acts in the end ([`world::ProcessWorld`]).
+//! - **An episode**: driven by the planner ([`worker::driver`]) or read from results ([`experiment::opened`]), it stands in a run
+//!   beside others ([`app::evaluate`]), is told apart from them or not ([`experiment::comparison`]), and is drawn
+//!   (`ui::evaluate`).
 //! - **A setting**: a flag or a line of TOML (`cli`) becomes a configuration, and with it a fit ([`world_model::fit`]).
 //!
 //! # Modules
@@ -40,7 +43,7 @@
 //! | [`evaluation`] | episodes in the real world, metrics, agreement of people | takes a policy, returns numbers; same tracks for every method |
 //! | [`clip`] | what was seen as a GIF: pictures beside each other, framed | pictures and answers in, bytes out; marks differ by shape and color |
 //! | [`session`] | events, their log, replay, merging; arrays and weights on disk | with [`dataset`] and [`run`] the only modules that touch files; a session *is* its log |
-//! | [`experiment`] | grids of trials, their results, what these come to, Slurm | a trial is a pure function of its description; a folder goes on where it was left |
+//! | [`experiment`] | grids of trials, their results, what these and other runs come to side by side, Slurm | a trial is a pure function of its description; a folder goes on where it was left |
 //! | [`drqv2`] | DrQ-v2, the paper's upper bound: its networks, replay buffer and schedule | learns in the real world by its true reward, and counts what that costs; shares nothing with the method |
 //! | [`worker`] | threads | the only module that starts one; a worker owns its models and shares nothing |
 //! | [`app`] | the application without a window: state, commands, what follows from reports | no egui, file, thread or clock: all comes in as an argument and leaves as an effect |

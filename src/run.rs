@@ -354,7 +354,7 @@ impl Run {
 }
 
 /// The names of what lies in `dir`, in order. None where there is no such folder.
-fn names_in(dir: &Path) -> Result<Vec<String>, RunError> {
+pub fn names_in(dir: &Path) -> Result<Vec<String>, RunError> {
     let listing = match fs::read_dir(dir) {
         Err(met) if met.kind() == ErrorKind::NotFound => return Ok(Vec::new()),
         listing => listing.map_err(RunError::disk("look into the folder of the job", dir))?,

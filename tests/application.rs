@@ -8,8 +8,8 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use dropj::app::{
-    App, Command, DeployCommand, DreamCommand, Effect, FirstWorld, LabelCommand, MessageKind, Moment, Panel,
-    RewardCommand, SessionCommand, Startup, Tick, WindowCommand,
+    App, Command, DeployCommand, DreamCommand, Effect, EvaluateCommand, FirstWorld, LabelCommand,
+    MessageKind, Moment, Panel, RewardCommand, SessionCommand, Startup, Tick, WindowCommand,
 };
 use dropj::planner::PlannerConfig;
 use dropj::planner::synthesis::SynthesisConfig;
@@ -178,6 +178,12 @@ fn a_session_is_dreamed_labeled_fitted_and_deployed_without_a_window() {
     headless.command(Command::Deploy(DeployCommand::Start));
     headless.wait_for("the end of an episode", |app| !app.state().deployed().is_empty());
     assert_eq!(headless.app.state().deployed()[0].1.n_steps, DummyRoad::LEN);
+
+    headless.command(Command::Window(WindowCommand::Show(Panel::Evaluate)));
+    assert_eq!(headless.app.state().evaluated().len(), 1, "it is a run that can be compared");
+    headless.command(Command::Evaluate(EvaluateCommand::Watch(Some(0))));
+    headless.wait_for("the episode once more", |app| app.state().came_out_the_same().is_some());
+    assert_eq!(headless.app.state().came_out_the_same(), Some(true));
 
     let errors = headless.app.state().messages().iter().filter(|message| message.kind == MessageKind::Error);
     assert_eq!(errors.count(), 0, "{:?}", headless.app.state().messages());

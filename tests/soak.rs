@@ -230,7 +230,7 @@ impl Soak {
     }
 
     fn go(&mut self, panel: Panel) {
-        let keys = [Key::Num1, Key::Num2, Key::Num3, Key::Num4, Key::Num5, Key::Num6];
+        let keys = [Key::Num1, Key::Num2, Key::Num3, Key::Num4, Key::Num5, Key::Num6, Key::Num7];
         let key = Panel::ALL.into_iter().zip(keys).find(|(of, _)| *of == panel).unwrap().1;
         self.window.key_press_modifiers(Modifiers::COMMAND, key);
         self.steps(3);

@@ -83,7 +83,7 @@ impl State {
             Panel::Dream | Panel::Reward => self.is_reviewing() && self.review.dream.is_some(),
             Panel::Deploy => self.clips.deployed.is_clip(),
             Panel::Record => self.clips.beside.is_clip(),
-            Panel::World => false,
+            Panel::World | Panel::Evaluate => false,
         }
     }
 
@@ -116,7 +116,7 @@ impl State {
                 let (seen, rate) = self.clips.beside.seen(rate);
                 Some((ClipSource::Beside { seen, rate }, "dream-beside-real.gif".to_owned()))
             }
-            Panel::World => None,
+            Panel::World | Panel::Evaluate => None,
         }
     }
 }

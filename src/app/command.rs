@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use crate::app::deploy::DeployCommand;
 use crate::app::dream::DreamCommand;
+use crate::app::evaluate::EvaluateCommand;
 use crate::app::guide::GuideCommand;
 use crate::app::label::LabelCommand;
 use crate::app::panel::{Field, Panel, Purpose};
@@ -23,7 +24,7 @@ pub enum Command {
     WorldModel(WorldModelCommand),
     /// On dreams.
     Dream(DreamCommand),
-    /// On the kept dream or the recorded episode that is looked at.
+    /// On the kept dream, the recorded episode or the driven one that is looked at.
     Playback(PlaybackCommand),
     /// On queries and their answers.
     Label(LabelCommand),
@@ -31,6 +32,8 @@ pub enum Command {
     Reward(RewardCommand),
     /// On the world that the planner acts in.
     Deploy(DeployCommand),
+    /// On runs that are set side by side.
+    Evaluate(EvaluateCommand),
     /// On sessions and their files.
     Session(SessionCommand),
     /// On the first hour.
@@ -74,7 +77,7 @@ pub enum WindowCommand {
     Close,
 }
 
-/// On the kept dream or the recorded episode that is looked at.
+/// On the kept dream, the recorded episode or the driven one that is looked at.
 #[derive(Clone, Debug, PartialEq)]
 pub enum PlaybackCommand {
     /// Looks at the one after this, or so many before.

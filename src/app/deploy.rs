@@ -66,7 +66,8 @@ impl App {
                 deploy.candidates = view.candidates.iter().map(last).collect();
                 deploy.view = Some(view);
             }
-            DeployReport::Ended { seed, metrics } => {
+            DeployReport::Ended { seed, metrics, actions } => {
+                self.episode_driven(seed, &metrics, actions);
                 let deploy = &mut self.state.deploy;
                 deploy.is_on = false;
                 deploy.episodes.push((seed, metrics));

@@ -18,6 +18,7 @@ impl App {
             }
             WorkerName::Synthesizer if has_died => self.synthesize(false),
             WorkerName::Synthesizer => return self.not_synthesized(error.to_string()),
+            WorkerName::Replayer => self.replayer_failed(),
             WorkerName::EpisodeBrowser => self.episode_browser_failed(),
             WorkerName::Recorder if has_ended => self.recorder_failed(),
             WorkerName::Modeler if has_ended => return self.fit_ended(&error),

@@ -29,6 +29,7 @@ mod state;
 
 pub mod deploy;
 pub mod dream;
+pub mod evaluate;
 pub mod label;
 pub mod record;
 pub mod reward;
@@ -51,6 +52,7 @@ pub use command::{Command, PlaybackCommand, WindowCommand};
 pub use deploy::DeployCommand;
 pub use dream::DreamCommand;
 pub use effect::Effect;
+pub use evaluate::EvaluateCommand;
 pub use guide::{GuideCommand, Hint};
 pub use label::{Budget, LabelCommand, Moment, QuerySelection};
 pub use message::{Message, MessageKind};
@@ -152,6 +154,7 @@ impl App {
         fields.insert(Field::ModelOut, out.display().to_string());
         fields.insert(Field::RecordSeed, "1".to_owned());
         fields.insert(Field::DeploySeed, "1".to_owned());
+        fields.insert(Field::FiguresOut, "figures".to_owned());
         fields.insert(Field::Session, app.sessions.display().to_string());
         match session {
             Some(store) => app.read_session(Box::new(store)),
@@ -206,6 +209,7 @@ impl App {
             Command::Label(command) => self.label_command(command),
             Command::Reward(command) => self.reward_command(command),
             Command::Deploy(command) => self.deploy_command(command),
+            Command::Evaluate(command) => self.evaluate_command(command),
             Command::Session(command) => self.session_command(command),
             Command::Guide(command) => self.guide_command(command),
         }
@@ -220,6 +224,7 @@ impl App {
             Report::Label(report) => self.label_report(report),
             Report::Reward(report) => self.reward_report(report),
             Report::Deploy(report) => self.deploy_report(report),
+            Report::Evaluate(report) => self.evaluate_report(report),
             Report::Session(report) => self.session_report(report),
             Report::Scene(report) => self.scene_seen(&report),
             Report::Job(report) => self.job_report(report),
@@ -245,6 +250,7 @@ impl App {
         self.advance_episode(tick.dt);
         self.advance_scene();
         self.advance_guide();
+        self.advance_replay(tick.dt);
         let now = self.state.now;
         self.state.messages.retain(|message| message.until.is_none_or(|until| until > now));
     }
@@ -306,6 +312,10 @@ impl App {
             Purpose::Merge => self.session_command(SessionCommand::AddToMerge(path)),
             // Its place was asked for, and is taken in as such.
             Purpose::Clip => {}
+            Purpose::Results | Purpose::ResultsFile => {
+                self.evaluate_command(EvaluateCommand::Open(path));
+            }
+            Purpose::Save(part) => self.save_results(part, path),
         }
     }
 
@@ -378,6 +388,7 @@ fn needs_session(command: &Command) -> bool {
         Command::Window(command) => matches!(command, WindowCommand::Restart),
         Command::Guide(command) => matches!(command, GuideCommand::Dream | GuideCommand::Practice),
         Command::Record(_) | Command::WorldModel(_) | Command::Playback(_) | Command::Deploy(_) => false,
+        Command::Evaluate(_) => false,
     }
 }
 

@@ -1,5 +1,7 @@
 //! Places in the window, and the fields that are typed into there.
 
+use crate::experiment::side_by_side::Part;
+
 /// A place in the window, in the order of the work.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub enum Panel {
@@ -16,12 +18,14 @@ pub enum Panel {
     Reward,
     /// Watching the planner act.
     Deploy,
+    /// Setting runs side by side.
+    Evaluate,
 }
 
 impl Panel {
     /// All of them, in the order of the work.
-    pub const ALL: [Self; 6] =
-        [Self::Record, Self::World, Self::Dream, Self::Label, Self::Reward, Self::Deploy];
+    pub const ALL: [Self; 7] =
+        [Self::Record, Self::World, Self::Dream, Self::Label, Self::Reward, Self::Deploy, Self::Evaluate];
 
     /// What it is called.
     pub fn name(self) -> &'static str {
@@ -32,6 +36,7 @@ impl Panel {
             Self::Label => "Label",
             Self::Reward => "Reward",
             Self::Deploy => "Deploy",
+            Self::Evaluate => "Evaluate",
         }
     }
 }
@@ -57,6 +62,10 @@ pub enum Field {
     SaveAs,
     /// Who is to answer the queries that are handed on.
     HandOnTo,
+    /// The folder or file of results to set beside others.
+    ResultsIn,
+    /// The folder of tables and figures.
+    FiguresOut,
 }
 
 /// What a file or folder is chosen for.
@@ -74,4 +83,10 @@ pub enum Purpose {
     Merge,
     /// A GIF to write.
     Clip,
+    /// A folder of results to set beside others.
+    Results,
+    /// A file of results.
+    ResultsFile,
+    /// Where to save what is shown of runs side by side.
+    Save(Part),
 }

@@ -45,7 +45,7 @@ impl App {
         match self.state.panel {
             Panel::Record => Some(Field::RecordSeed).filter(|_| !self.state.record.is_on),
             Panel::Deploy => Some(Field::DeploySeed).filter(|_| !self.state.deploy.is_on),
-            Panel::World | Panel::Dream | Panel::Label | Panel::Reward => None,
+            Panel::World | Panel::Dream | Panel::Label | Panel::Reward | Panel::Evaluate => None,
         }
     }
 

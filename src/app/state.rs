@@ -7,6 +7,7 @@ use std::sync::Arc;
 use crate::app::clips::Clips;
 use crate::app::deploy::Deploying;
 use crate::app::dream::{Dreaming, Reviewing};
+use crate::app::evaluate::Evaluating;
 use crate::app::guide::Guide;
 use crate::app::label::{Labeling, Moment};
 use crate::app::message::Message;
@@ -70,6 +71,7 @@ pub struct State {
     pub(crate) reward: Rewarding,
     pub(crate) review: Reviewing,
     pub(crate) deploy: Deploying,
+    pub(crate) evaluate: Evaluating,
 }
 
 impl State {
@@ -149,7 +151,7 @@ impl State {
         match self.panel {
             Panel::Dream => self.dream.is_on,
             Panel::Record => self.record.is_on,
-            Panel::World | Panel::Label | Panel::Reward | Panel::Deploy => false,
+            Panel::World | Panel::Label | Panel::Reward | Panel::Deploy | Panel::Evaluate => false,
         }
     }
 }

@@ -25,7 +25,7 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
     let mut methods = Vec::new();
     for (name, path) in names.iter().zip(&options.results) {
         let bytes = std::fs::read(path).with_context(|| format!("cannot read the results {path:?}"))?;
-        let Results { episodes, notes } = Results::parse(&bytes);
+        let Results { episodes, notes, .. } = Results::parse(&bytes);
         if episodes.is_empty() {
             let why = notes.first().map_or("they are empty", String::as_str);
             anyhow::bail!("there are no episodes in these results, for {why}: {path:?}");

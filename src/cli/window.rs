@@ -33,6 +33,10 @@ pub(crate) struct Options {
     /// A world model other than the shipped one
     #[arg(long)]
     world: Option<PathBuf>,
+    /// Open this as if it were dropped on the window: results, recordings, a session or a world model; may be given
+    /// several times
+    #[arg(long, value_name = "PATH")]
+    open: Vec<PathBuf>,
     /// The folder in which sessions are kept
     #[arg(long, default_value = "sessions")]
     sessions: PathBuf,
@@ -93,7 +97,7 @@ pub(crate) fn run(options: Options) -> anyhow::Result<()> {
     let workers = Box::new(|wake| -> Box<dyn Workers> { Box::new(Threads::new(config, None, wake)) });
     let startup = WindowStartup { app, workers, input: system_pads() };
     let notices = ui::settings_file().and_then(|path| settings::look_after(&path));
-    match ui::run(startup, notices.into_iter().collect())? {
+    match ui::run(startup, notices.into_iter().collect(), options.open)? {
         Some(world) => begin_anew(&world, &sessions),
         None => Ok(()),
     }

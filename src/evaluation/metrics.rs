@@ -32,7 +32,7 @@ impl EventFigure {
     }
 
     /// The figure that has this key in results, without its value.
-    pub(super) fn of_key(key: &str) -> Option<Self> {
+    pub(crate) fn of_key(key: &str) -> Option<Self> {
         let named = |slug: &str, count| Self { name: slug.replace('_', " "), count, value: None };
         let rate = key.strip_suffix("_rate").map(|slug| named(slug, Count::PerStep));
         rate.or_else(|| key.strip_suffix("_count").map(|slug| named(slug, Count::FirstTouch)))

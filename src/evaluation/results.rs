@@ -19,6 +19,8 @@ const BEGINNINGS: [&[u8]; 2] = [b"{\"metrics\"", b"{\"track\""];
 pub struct Results {
     /// The episodes, in order. A figure that is no number is NaN or nothing.
     pub episodes: Vec<EpisodeMetrics>,
+    /// The seed of each, where it is told.
+    pub tracks: Vec<Option<u64>>,
     /// What was passed over, in sentences.
     pub notes: Vec<String>,
 }
@@ -137,12 +139,14 @@ impl Reading {
         if !wrong.is_empty() {
             self.results.notes.push(format!("{name}: {}, and left out", wrong.join(", ")));
         }
+        let track = object.get("track").and_then(Value::as_u64);
         let value = Value::Object(object);
         if self.met.contains(&value) {
             self.n_twice += 1;
             return;
         }
         self.met.push(value);
+        self.results.tracks.push(track);
         self.results.episodes.push(EpisodeMetrics {
             ret: ret.unwrap_or(f32::NAN),
             // Older programs did not tell it.

@@ -4,6 +4,7 @@ use std::sync::Once;
 
 use plotters::coord::Shift;
 use plotters::coord::types::RangedCoordf64;
+use plotters::element::ComposedElement;
 use plotters::prelude::*;
 use plotters::style::{FontStyle, register_font};
 
@@ -65,6 +66,8 @@ pub(super) struct Place {
 /// A mean along an axis.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Curve {
+    /// That of its color and its mark.
+    pub number: usize,
     pub name: String,
     pub places: Vec<Place>,
 }
@@ -135,7 +138,7 @@ fn number(value: &f64) -> String {
 pub(crate) type Chart<'a, B> = ChartContext<'a, B, Cartesian2d<RangedCoordf64, RangedCoordf64>>;
 
 /// A chart with its axes, before anything is in it. Where `x` has no words, its axis has no numbers.
-fn chart<'a, B: DrawingBackend>(
+pub(super) fn chart<'a, B: DrawingBackend>(
     area: &DrawingArea<B, Shift>,
     words: &Words,
     [left, right]: [f64; 2],
@@ -185,6 +188,65 @@ pub(crate) fn legend<'a, B: DrawingBackend + 'a>(
         .map_err(said)
 }
 
+/// The outline of a mark by its number, from its middle, in pixels: no two of eight are alike, whoever sees their colors.
+pub(super) fn outline(i: usize, r: i32) -> Vec<(i32, i32)> {
+    // In quarters of `r`.
+    let points: &[(i32, i32)] = match i % COLORS.len() {
+        0 => &[(4, 0), (3, 3), (0, 4), (-3, 3), (-4, 0), (-3, -3), (0, -4), (3, -3)],
+        1 => &[(-4, -4), (4, -4), (4, 4), (-4, 4)],
+        2 => &[(0, -5), (5, 4), (-5, 4)],
+        3 => &[(0, -6), (6, 0), (0, 6), (-6, 0)],
+        4 => &[(0, 5), (5, -4), (-5, -4)],
+        5 => &[
+            (-5, -3),
+            (-3, -5),
+            (0, -2),
+            (3, -5),
+            (5, -3),
+            (2, 0),
+            (5, 3),
+            (3, 5),
+            (0, 2),
+            (-3, 5),
+            (-5, 3),
+            (-2, 0),
+        ],
+        6 => &[
+            (-1, -6),
+            (1, -6),
+            (1, -1),
+            (6, -1),
+            (6, 1),
+            (1, 1),
+            (1, 6),
+            (-1, 6),
+            (-1, 1),
+            (-6, 1),
+            (-6, -1),
+            (-1, -1),
+        ],
+        _ => &[(0, -6), (1, -2), (6, -2), (2, 1), (4, 6), (0, 3), (-4, 6), (-2, 1), (-6, -2), (-1, -2)],
+    };
+    points.iter().map(|(x, y)| (x * r / 4, y * r / 4)).collect()
+}
+
+/// A mark at a place of a figure.
+pub(super) type Mark<C, B> = ComposedElement<C, B, Polygon<(i32, i32)>, PathElement<(i32, i32)>>;
+
+/// The mark with this number.
+pub(super) fn mark<B: DrawingBackend, C>(i: usize, at: C, r: i32, style: ShapeStyle) -> Mark<C, B> {
+    let mut around = outline(i, r);
+    let inside = Polygon::new(around.clone(), style);
+    around.extend(around.first().copied());
+    EmptyElement::at(at) + inside + PathElement::new(around, style)
+}
+
+/// The same in a legend, left of a name.
+pub(super) fn mark_in_legend(i: usize, (x, y): (i32, i32), style: ShapeStyle) -> Polygon<(i32, i32)> {
+    let points: Vec<_> = outline(i, 4).into_iter().map(|(right, down)| (x + 9 + right, y + down)).collect();
+    Polygon::new(points, style)
+}
+
 /// A line a curve with the interval of its mean, and a dot for each value.
 pub(super) struct Lines<'a> {
     pub words: &'a Words,
@@ -196,8 +258,8 @@ impl Drawing for Lines<'_> {
         let places = || self.curves.iter().flat_map(|curve| &curve.places);
         let right = places().map(|place| place.x).fold(1.0, f64::max);
         let mut chart = chart(area, self.words, [0.0, right * 1.03], bounds(places()))?;
-        for (i, Curve { name, places }) in self.curves.iter().enumerate() {
-            let color = COLORS[i % COLORS.len()];
+        for Curve { number, name, places } in self.curves {
+            let (i, color) = (*number, COLORS[number % COLORS.len()]);
             let upper = places.iter().map(|place| (place.x, place.mean[2]));
             let lower = places.iter().rev().map(|place| (place.x, place.mean[1]));
             let band: Vec<_> = upper.chain(lower).collect();
@@ -205,11 +267,9 @@ impl Drawing for Lines<'_> {
             let line =
                 LineSeries::new(places.iter().map(|place| (place.x, place.mean[0])), color.stroke_width(2));
             let drawn = chart.draw_series(line).map_err(said)?;
-            drawn
-                .label(name)
-                .legend(move |(x, y)| PathElement::new([(x, y), (x + 18, y)], color.stroke_width(3)));
+            drawn.label(name).legend(move |at| mark_in_legend(i, at, color.filled()));
             let dots = places.iter().flat_map(|place| place.of.iter().map(|value| (place.x, *value)));
-            chart.draw_series(dots.map(|at| Circle::new(at, 2, color.mix(0.6).filled()))).map_err(said)?;
+            chart.draw_series(dots.map(|at| mark(i, at, 4, color.mix(0.8).filled()))).map_err(said)?;
         }
         legend(&mut chart, SeriesLabelPosition::UpperRight)
     }
@@ -225,8 +285,8 @@ impl Drawing for Bars<'_> {
     fn draw<B: DrawingBackend>(&self, area: &DrawingArea<B, Shift>) -> Result<(), String> {
         let [low, high] = bounds(self.curves.iter().flat_map(|curve| &curve.places));
         let mut chart = chart(area, self.words, [-0.6, self.curves.len() as f64 - 0.4], [low, high])?;
-        for (i, Curve { name, places }) in self.curves.iter().enumerate() {
-            let (color, x) = (COLORS[i % COLORS.len()], i as f64);
+        for (i, Curve { number, name, places }) in self.curves.iter().enumerate() {
+            let (color, x) = (COLORS[number % COLORS.len()], i as f64);
             for place in places {
                 let [mean, from, to] = place.mean;
                 let corners = [(x - 0.28, 0.0f64.max(low)), (x + 0.28, mean)];

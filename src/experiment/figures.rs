@@ -2,7 +2,7 @@
 
 use super::charts::{Bars, Curve, Figure, FigureError, Lines, Place, Words, drawn};
 use super::description::{Axis, Description};
-use super::summary::series;
+use super::summary::{Point, series};
 use super::table::{Measure, Rows};
 
 /// A figure of each measure.
@@ -14,33 +14,62 @@ pub fn figures(description: &Description, rows: &Rows) -> Result<Vec<Figure>, Fi
 }
 
 fn figure(description: &Description, rows: &Rows, measure: &Measure) -> Result<Figure, FigureError> {
-    // Shares are shown in percent.
-    let scale = if measure.is_share() { 100.0 } else { 1.0 };
-    let curves: Vec<Curve> = series(description, rows, measure)
-        .into_iter()
-        .map(|(name, points)| {
-            let places = points.into_iter().map(|point| Place {
-                x: point.x,
-                mean: point.mean.map(|value| scale * value),
-                of: point.of_seeds.iter().map(|value| scale * value).collect(),
-            });
-            Curve { name, places: places.collect() }
-        })
-        .collect();
-    let x = match description.axis {
-        Axis::Answers => "answers",
-        Axis::Minutes => "minutes of feedback",
-        Axis::CriticalMistakes => "wrong answers to critical queries (%)",
-        Axis::Recorded => "recorded episodes that the world model was learned from",
-        Axis::Variants => "",
+    let all = series(description, rows, measure);
+    let all = all.iter().enumerate().map(|(i, (name, points))| (i, name.as_str(), &points[..])).collect();
+    over(measure.slug(), &Over { title: &description.title, axis: description.axis, measure, all })
+}
+
+/// Series of a measure over an axis.
+pub(super) struct Over<'a> {
+    pub title: &'a str,
+    pub axis: Axis,
+    pub measure: &'a Measure,
+    /// The number of its color and mark, its name and its points.
+    pub all: Vec<(usize, &'a str, &'a [Point])>,
+}
+
+/// `of` as the figure `name`.
+pub(super) fn over(name: String, of: &Over<'_>) -> Result<Figure, FigureError> {
+    let Over { title, axis, measure, all } = of;
+    let scale = scale(measure);
+    let curve = |&(number, name, points): &(usize, &str, &[Point])| {
+        let places = points.iter().map(|point| Place {
+            x: point.x,
+            mean: point.mean.map(|value| scale * value),
+            of: point.of_seeds.iter().map(|value| scale * value).collect(),
+        });
+        Curve { number, name: name.to_owned(), places: places.collect() }
     };
-    let title = measure.title();
-    let y = if measure.is_share() { format!("{title} (%)") } else { title };
-    let words = Words { caption: description.title.clone(), x: x.to_owned(), y };
-    if description.axis == Axis::Variants {
-        drawn(measure.slug(), &Bars { words: &words, curves: &curves })
+    let curves: Vec<Curve> = all.iter().map(curve).collect();
+    let words = Words { caption: (*title).to_owned(), x: axis.in_words().to_owned(), y: label(measure) };
+    if *axis == Axis::Variants {
+        drawn(name, &Bars { words: &words, curves: &curves })
     } else {
-        drawn(measure.slug(), &Lines { words: &words, curves: &curves })
+        drawn(name, &Lines { words: &words, curves: &curves })
+    }
+}
+
+/// Shares are shown in percent.
+pub(super) fn scale(measure: &Measure) -> f64 {
+    if measure.is_share() { 100.0 } else { 1.0 }
+}
+
+/// What stands beside a measure's axis.
+pub(super) fn label(measure: &Measure) -> String {
+    let title = measure.title();
+    if measure.is_share() { format!("{title} (%)") } else { title }
+}
+
+impl Axis {
+    /// What a figure says under it.
+    pub fn in_words(self) -> &'static str {
+        match self {
+            Self::Answers => "answers",
+            Self::Minutes => "minutes of feedback",
+            Self::CriticalMistakes => "wrong answers to critical queries (%)",
+            Self::Recorded => "recorded episodes that the world model was learned from",
+            Self::Variants => "",
+        }
     }
 }
 

@@ -181,7 +181,8 @@ pub(super) fn figures(rows: &[GradientRow]) -> Result<Vec<Figure>, FigureError> 
                 let rng = &mut ChaCha8Rng::seed_from_u64(epoch as u64);
                 let Some(mean) = bootstrap(&of, rng) else { continue };
                 if curves.last().is_none_or(|curve| curve.name != about.words()) {
-                    curves.push(Curve { name: about.words().to_owned(), places: Vec::new() });
+                    let (number, name) = (curves.len(), about.words().to_owned());
+                    curves.push(Curve { number, name, places: Vec::new() });
                 }
                 let place = Place { x: epoch as f64, mean, of: Vec::new() };
                 curves.iter_mut().last().into_iter().for_each(|curve| curve.places.push(place.clone()));

@@ -160,7 +160,7 @@ pub(super) fn figure(description: &Description, all: &[Evaluation]) -> Result<Fi
     for row in all {
         let name = format!("seed {}", row.seed);
         if curves.last().is_none_or(|curve| curve.name != name) {
-            curves.push(Curve { name, places: Vec::new() });
+            curves.push(Curve { number: curves.len(), name, places: Vec::new() });
             best = f64::NEG_INFINITY;
         }
         best = best.max(row.worth);

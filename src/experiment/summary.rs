@@ -6,16 +6,10 @@ use std::fmt::Write as _;
 use rand::SeedableRng as _;
 use rand_chacha::ChaCha8Rng;
 
+use super::comparison::{Comparison, Driven, Group, LEAST_SEEDS, Verdict, probability};
 use super::description::{Axis, Description};
 use super::table::{Measure, Row, Rows};
-use crate::evaluation::{bootstrap, cliffs_delta, dunn, friedman, holm, kruskal_wallis, wilcoxon};
-
-/// A probability below this is called a difference.
-const ALPHA: f64 = 0.05;
-/// By seeds alone nothing is said on fewer than these. With five that all agree Wilcoxon's test says 0.0625, with six 0.0313.
-const LEAST_SEEDS: usize = 5;
-/// More series than these are not compared pair by pair.
-const MOST_COMPARED: usize = 8;
+use crate::evaluation::bootstrap;
 
 /// What was measured of a series at a place of the axis.
 #[derive(Clone, Debug, PartialEq)]
@@ -141,130 +135,84 @@ fn table(text: &mut String, axis: Axis, measure: &Measure, all: &[Series]) {
     }
 }
 
+/// The episodes of each series where the most is known: at its last place.
+fn last_groups(description: &Description, rows: &Rows, measure: &Measure, all: &[Series]) -> Vec<Group> {
+    let (axis, differing) = (description.axis, rows.differing());
+    let mut groups: Vec<(f64, Group)> = all
+        .iter()
+        .filter_map(|(name, points)| {
+            let group = Group { name: name.clone(), episodes: Vec::new() };
+            Some((points.last()?.x, group))
+        })
+        .collect();
+    for row in &rows.0 {
+        let name = row.series(axis, &differing);
+        let is_there = |(x, group): &&mut (f64, Group)| {
+            group.name == name && row.x(axis).is_none_or(|of_row| (of_row - x).abs() < 1e-2)
+        };
+        if let Some(value) = measure.of(row)
+            && let Some((_, group)) = groups.iter_mut().find(is_there)
+        {
+            group.episodes.push(Driven { seed: Some(row.seed), track: Some(row.track), value });
+        }
+    }
+    groups.into_iter().map(|(_, group)| group).collect()
+}
+
 /// What differs, where the most is known: at the last place of each series.
 fn compare(text: &mut String, description: &Description, rows: &Rows, measure: &Measure, all: &[Series]) {
-    let last: Vec<(&str, &Point)> =
-        all.iter().filter_map(|(name, points)| Some((name.as_str(), points.last()?))).collect();
-    if last.len() < 2 {
-        return;
-    }
-    let n_seeds = last.iter().map(|(_, point)| point.of_seeds.len()).min().unwrap_or(0);
-    if n_seeds < 2 {
+    let groups = last_groups(description, rows, measure, all);
+    let Some(found) = Comparison::of(&groups) else { return };
+    if found.n_seeds < 2 {
         let _ = writeln!(text, "\nNothing is called different on one seed.");
         return;
     }
     // The same seed and track for all: an episode of each is a block.
-    let blocks = blocks(description, rows, measure, &last);
     text.push('\n');
-    let values: Vec<Vec<f64>> = blocks.iter().map(|(_, block)| block.clone()).collect();
-    if let Some(found) = friedman(&values) {
+    if let Some(test) = found.friedman {
         let _ = write!(
             text,
             "Paired by seed and track ({} blocks): Friedman χ² = {:.1}, p = {}. ",
-            blocks.len(),
-            found.chi2,
-            p(found.p)
+            found.n_blocks,
+            test.chi2,
+            probability(test.p)
         );
     }
-    let episodes: Vec<&[f64]> = last.iter().map(|(_, point)| &point.episodes[..]).collect();
-    if let Some(found) = kruskal_wallis(&episodes) {
+    if let Some(test) = found.kruskal_wallis {
         let _ = write!(
             text,
             "As the paper tests, episodes taken for independent: Kruskal–Wallis H = {:.1}, p = {}. ",
-            found.h,
-            p(found.p)
+            test.h,
+            probability(test.p)
         );
     }
     text.push('\n');
-    if last.len() > MOST_COMPARED {
+    if found.pairs.is_empty() {
         return;
     }
-    pairs(text, measure, &last, &blocks);
-    if n_seeds < LEAST_SEEDS {
-        let _ = writeln!(text, "\nBy seeds alone nothing is said on fewer than {LEAST_SEEDS} of them.");
-    }
-}
-
-/// Which pairs differ: by episodes that are paired, as the paper tests, and by the means of seeds alone.
-fn pairs(text: &mut String, measure: &Measure, last: &[(&str, &Point)], blocks: &[(u64, Vec<f64>)]) {
-    let all_pairs: Vec<(usize, usize)> =
-        (0..last.len()).flat_map(|i| (i + 1..last.len()).map(move |j| (i, j))).collect();
-    let raw = all_pairs.iter().map(|&(i, j)| {
-        let pairs: Vec<(f64, f64)> = blocks.iter().map(|(_, block)| (block[i], block[j])).collect();
-        wilcoxon(&pairs).unwrap_or(1.0)
-    });
-    let means = of_seeds(blocks);
-    let raw_of_seeds = all_pairs.iter().map(|&(i, j)| {
-        let pairs: Vec<(f64, f64)> = means.iter().map(|mean| (mean[i], mean[j])).collect();
-        wilcoxon(&pairs).unwrap_or(1.0)
-    });
-    let (corrected, strict) = (holm(&raw.collect::<Vec<_>>()), holm(&raw_of_seeds.collect::<Vec<_>>()));
-    let episodes: Vec<&[f64]> = last.iter().map(|(_, point)| &point.episodes[..]).collect();
-    let dunns = dunn(&episodes);
     text.push_str(
         "\n| | difference of means over seeds | Cliff's δ | Wilcoxon, Holm | Dunn | | seeds alone |\n\
          |---|---:|---:|---:|---:|---|---|\n",
     );
-    for (n, &(i, j)) in all_pairs.iter().enumerate() {
-        let ((one, a), (other, b)) = (last[i], last[j]);
-        let differences: Vec<f64> = means.iter().map(|mean| mean[i] - mean[j]).collect();
-        let interval = bootstrap(&differences, &mut ChaCha8Rng::seed_from_u64(n as u64));
-        let [mean, low, high] = interval.unwrap_or([f64::NAN; 3]);
-        let delta = cliffs_delta(&a.episodes, &b.episodes).unwrap_or(0.0);
-        let of_dunn = dunns.iter().find(|test| test.pair == (i, j)).map_or("–".to_owned(), |test| p(test.p));
-        let differs = corrected[n] < ALPHA && (low > 0.0 || high < 0.0);
-        let verdict = |differs: bool| if differs { "differ" } else { "not told apart" };
-        let alone = if means.len() < LEAST_SEEDS {
-            "–".to_owned()
-        } else {
-            format!("{}, p = {}", verdict(strict[n] < ALPHA), p(strict[n]))
-        };
+    for pair in &found.pairs {
+        let (one, other) = (&groups[pair.of.0].name, &groups[pair.of.1].name);
+        let [mean, low, high] = pair.difference.unwrap_or([f64::NAN; 3]).map(|value| measure.shown(value));
+        let alone = pair.differ_by_seeds().zip(pair.seeds_alone).map_or("–".to_owned(), |(differ, p)| {
+            let verdict = if differ { Verdict::Differ } else { Verdict::NotToldApart };
+            format!("{}, p = {}", verdict.in_words(), probability(p))
+        });
         let _ = writeln!(
             text,
-            "| {one} − {other} | {} [{}, {}] | {delta:+.2} | {} | {of_dunn} | {} | {alone} |",
-            measure.shown(mean),
-            measure.shown(low),
-            measure.shown(high),
-            p(corrected[n]),
-            verdict(differs)
+            "| {one} − {other} | {mean} [{low}, {high}] | {:+.2} | {} | {} | {} | {alone} |",
+            pair.delta,
+            probability(pair.wilcoxon),
+            pair.dunn.map_or("–".to_owned(), probability),
+            pair.verdict.in_words()
         );
     }
-}
-
-/// The mean of each series over the tracks of a seed, for each seed that all of them have.
-fn of_seeds(blocks: &[(u64, Vec<f64>)]) -> Vec<Vec<f64>> {
-    blocks
-        .chunk_by(|(a, _), (b, _)| a == b)
-        .map(|of_seed| {
-            let n = of_seed.len() as f64;
-            let width = of_seed[0].1.len();
-            (0..width).map(|i| of_seed.iter().map(|(_, block)| block[i]).sum::<f64>() / n).collect()
-        })
-        .collect()
-}
-
-/// For each seed and track that all of `last` drove, in their order, the seed and a value of each.
-fn blocks(
-    description: &Description,
-    rows: &Rows,
-    measure: &Measure,
-    last: &[(&str, &Point)],
-) -> Vec<(u64, Vec<f64>)> {
-    let (axis, differing) = (description.axis, rows.differing());
-    let mut found: BTreeMap<(u64, u64), Vec<Option<f64>>> = BTreeMap::new();
-    for row in &rows.0 {
-        let name = row.series(axis, &differing);
-        let is_there = |(known, point): &(&str, &Point)| {
-            *known == name && row.x(axis).is_none_or(|x| (x - point.x).abs() < 1e-2)
-        };
-        if let Some(i) = last.iter().position(is_there) {
-            let block = found.entry((row.seed, row.track)).or_insert_with(|| vec![None; last.len()]);
-            block[i] = measure.of(row);
-        }
+    if found.n_seeds < LEAST_SEEDS {
+        let _ = writeln!(text, "\nBy seeds alone nothing is said on fewer than {LEAST_SEEDS} of them.");
     }
-    let whole =
-        |((seed, _), block): (_, Vec<Option<f64>>)| Some((seed, block.into_iter().collect::<Option<_>>()?));
-    found.into_iter().filter_map(whole).collect()
 }
 
 /// How world models were learned, where they were.
@@ -304,11 +252,6 @@ fn disagreement(text: &mut String, rows: &Rows) {
             mean(1)
         );
     }
-}
-
-/// A probability as people read it.
-fn p(value: f64) -> String {
-    if value < 1e-4 { "< 0.0001".to_owned() } else { format!("{value:.4}") }
 }
 
 #[cfg(test)]

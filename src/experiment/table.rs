@@ -8,6 +8,7 @@ use serde::{Deserialize, Serialize};
 
 use super::description::{Annotators, Axis, Fit, Plans};
 use crate::dataset::{TableColumn, table_bytes};
+use crate::evaluation::EpisodeMetrics;
 use crate::query::{Protocol, Strategy};
 
 /// An episode, and what drove it.
@@ -107,6 +108,17 @@ impl Measure {
             Self::WorldModel(key) => row.world_model.get(*key).copied(),
         }
         .filter(|value| value.is_finite())
+    }
+
+    /// Its value in the figures of an episode.
+    pub fn in_episode(&self, metrics: &EpisodeMetrics) -> Option<f64> {
+        let value = match self {
+            Self::Return => Some(metrics.ret),
+            Self::Unsafe => Some(metrics.unsafe_rate),
+            Self::Event(key) => metrics.events.iter().find(|figure| figure.key() == *key)?.value,
+            Self::Diversity | Self::WorldModel(_) => None,
+        };
+        value.map(f64::from).filter(|value| value.is_finite())
     }
 
     /// As people read it.

@@ -16,6 +16,8 @@ pub enum Kind {
     Table,
     /// A picture, as PNG.
     Picture,
+    /// Something drawn, as SVG.
+    Drawing,
     /// Pictures one after the other, as GIF.
     Clip,
     /// What is noted for other programs, as JSON.
@@ -28,6 +30,7 @@ impl Kind {
             Self::Network => "a file of network parameters",
             Self::Table => "a table",
             Self::Picture => "a PNG picture",
+            Self::Drawing => "an SVG drawing",
             Self::Clip => "a GIF",
             Self::Notes => "a file of JSON",
         }
@@ -43,6 +46,7 @@ impl Kind {
                 n_header.is_some_and(|n| n <= len - 8) && head.get(8) == Some(&b'{')
             }
             Self::Picture => head.starts_with(b"\x89PNG"),
+            Self::Drawing => head.starts_with(b"<svg") || head.starts_with(b"<?xml"),
             Self::Clip => head.starts_with(b"GIF8"),
             Self::Notes => first == Some(&b'{'),
             Self::Table => {

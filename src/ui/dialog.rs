@@ -13,6 +13,7 @@ use eframe::egui::Context;
 use rfd::{AsyncFileDialog, FileHandle};
 
 use crate::app::{Field, Purpose};
+use crate::experiment::side_by_side::Part;
 
 /// A dialog that is open.
 pub(super) struct Dialog {
@@ -38,7 +39,11 @@ impl Dialog {
     /// Asks for what `purpose` needs, beginning at the path `at`, if there is one.
     pub(super) fn open(ctx: &Context, purpose: Purpose, at: &str) -> Self {
         let dialog = AsyncFileDialog::new();
-        let dialog = if at.is_empty() { dialog } else { dialog.set_directory(at) };
+        let dialog = match purpose {
+            Purpose::Save(part) if part != Part::All => dialog.set_file_name(at),
+            _ if at.is_empty() => dialog,
+            _ => dialog.set_directory(at),
+        };
         let weights = |dialog: AsyncFileDialog| dialog.add_filter("Network parameters", &["safetensors"]);
         let answer: Pin<Box<dyn Future<Output = Vec<FileHandle>>>> = match purpose {
             Purpose::Field(Field::ModelIn) | Purpose::World => one(weights(dialog).pick_file()),
@@ -53,6 +58,16 @@ impl Dialog {
             Purpose::Merge => {
                 let picked = dialog.set_title("Folders of sessions").pick_folders();
                 Box::pin(async { picked.await.unwrap_or_default() })
+            }
+            Purpose::ResultsFile => {
+                let dialog = dialog.set_title("Files of results");
+                let picked = dialog.add_filter("Results", &["json", "jsonl", "ndjson"]).pick_files();
+                Box::pin(async { picked.await.unwrap_or_default() })
+            }
+            Purpose::Save(Part::Table) => one(dialog.add_filter("Table", &["csv"]).save_file()),
+            Purpose::Save(Part::Distribution | Part::Curves | Part::Losses) => {
+                let dialog = dialog.add_filter("Vectors", &["svg"]).add_filter("Pixels", &["png"]);
+                one(dialog.save_file())
             }
             _ => one(dialog.pick_folder()),
         };
@@ -113,6 +128,8 @@ fn no_dialog(purpose: Purpose) -> String {
         Purpose::World => "or type the path of the file under World model",
         Purpose::Recordings | Purpose::Merge => "or drop the folder on this window",
         Purpose::Clip => "and it is put beside the sessions",
+        Purpose::Results | Purpose::ResultsFile => "or drop it on this window, or type its path below",
+        Purpose::Save(_) => "or name a folder below and save everything there",
         Purpose::Env => "or drop the file on this window, or name it by --env",
     };
     format!(

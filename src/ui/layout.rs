@@ -7,7 +7,7 @@ use crate::ui::command::Commands;
 use crate::ui::settings::help;
 use crate::ui::tokens::{PAD, Tokens};
 use crate::ui::{
-    View, deploy, dream, guide, input, label, rail, record, reward, session, status, world_model,
+    View, deploy, dream, evaluate, guide, input, label, rail, record, reward, session, status, world_model,
 };
 
 /// The whole window.
@@ -46,6 +46,7 @@ pub(super) fn window_ui(ui: &mut Ui, state: &View<'_>, commands: &mut Commands) 
             Panel::Label => label::label_ui(ui, state, commands),
             Panel::Reward => reward::reward_ui(ui, state, commands),
             Panel::Deploy => deploy::deploy_ui(ui, state, commands),
+            Panel::Evaluate => evaluate::evaluate_ui(ui, state, commands),
         },
     );
     status::messages_ui(ui, state, commands);

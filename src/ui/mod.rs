@@ -10,6 +10,7 @@ mod dialog;
 mod display;
 mod dream;
 mod guide;
+mod evaluate;
 mod input;
 mod label;
 mod layout;
@@ -104,9 +105,13 @@ const NAME: &str = "dropj";
 /// What an event loop is made by.
 type EventLoop = eframe::EventLoopBuilder<eframe::UserEvent>;
 
-/// Opens the window, says these `notices` in it, and stays until it is closed; or says what prevents that. Where it was
+/// Opens the window, says these `notices` in it, takes in what is to be `open` as if it were dropped on it, and stays until it is closed; or says what prevents that. Where it was
 /// closed to open another world, that one's file.
-pub fn run(startup: WindowStartup, notices: Vec<String>) -> Result<Option<PathBuf>, WindowError> {
+pub fn run(
+    startup: WindowStartup,
+    notices: Vec<String>,
+    open: Vec<PathBuf>,
+) -> Result<Option<PathBuf>, WindowError> {
     let is_x11_forced = display::force_x11()?;
     let viewport = ViewportBuilder::default()
         .with_title(NAME)
@@ -125,6 +130,9 @@ pub fn run(startup: WindowStartup, notices: Vec<String>) -> Result<Option<PathBu
             window.next_world = next;
             for notice in notices {
                 window.command(WindowCommand::Fail(notice));
+            }
+            for path in open {
+                window.command(WindowCommand::Drop(path));
             }
             Ok(Box::new(window))
         };
@@ -386,7 +394,7 @@ impl Window {
         if shown.is_some() && !state.label.is_standing && !is_away {
             after(Duration::from_secs_f64(0.5 / state.clip_rate()));
         }
-        if state.review.head.is_playing || state.episodes.head.is_playing {
+        if state.review.head.is_playing || state.episodes.head.is_playing || state.is_replaying() {
             after(Duration::from_millis(20));
         }
         // Pads are read between two pictures, so there must be some; in software a picture costs too much for many.

@@ -9,6 +9,7 @@ use eframe::egui::{
 };
 
 use crate::app::counted;
+use crate::app::evaluate::n_open;
 use crate::app::{Command, Panel, SessionCommand, WindowCommand};
 use crate::query::Protocol;
 use crate::text::shown;
@@ -37,7 +38,7 @@ pub(super) fn rail_ui(ui: &mut Ui, state: &View<'_>, commands: &mut Commands) {
     });
     ui.add_space(18.0);
     ui.spacing_mut().item_spacing.y = 4.0;
-    let keys = [Key::Num1, Key::Num2, Key::Num3, Key::Num4, Key::Num5, Key::Num6];
+    let keys = [Key::Num1, Key::Num2, Key::Num3, Key::Num4, Key::Num5, Key::Num6, Key::Num7];
     for (i, (panel, key)) in Panel::ALL.into_iter().zip(keys).enumerate() {
         let (progress, about) = step(state, panel);
         let share = share(state, panel);
@@ -93,6 +94,8 @@ fn step(state: &View<'_>, panel: Panel) -> (Progress, String) {
             0 => (Progress::Ready, "let it act".to_owned()),
             n => (Progress::Done, counted(n, "episode")),
         },
+        Panel::Evaluate if state.evaluate.n_reading > 0 => (Progress::Running, n_open(state)),
+        Panel::Evaluate => when(!state.evaluate.results.is_empty(), n_open(state)),
     }
 }
 

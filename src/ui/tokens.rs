@@ -54,11 +54,28 @@ pub(crate) struct Tokens {
     pub stage: Color32,
     /// Lines of a plot, one after the other.
     pub lines: [Color32; 3],
+    /// Runs, one after the other, which people who see fewer colors tell apart, too (Okabe and Ito): as in saved figures.
+    pub runs: [Color32; 8],
 }
 
 const fn rgb(hex: u32) -> Color32 {
     Color32::from_rgb((hex >> 16) as u8, (hex >> 8) as u8, hex as u8)
 }
+
+const RUNS: [Color32; 8] = [
+    rgb(0x00_72b2),
+    rgb(0xd5_5e00),
+    rgb(0x00_9e73),
+    rgb(0xcc_79a7),
+    rgb(0x56_b4e9),
+    rgb(0xe6_9f00),
+    rgb(0x5a_5a5a),
+    rgb(0x96_6e3c),
+];
+
+/// Blue and gray are lighter before a dark ground.
+const RUNS_IN_THE_DARK: [Color32; 8] =
+    [rgb(0x2b_8fcc), RUNS[1], RUNS[2], RUNS[3], rgb(0x86_ccf3), RUNS[5], rgb(0xa8_a8a8), rgb(0xb0_8a5a)];
 
 static DARK: Tokens = Tokens {
     background: rgb(0x15_171b),
@@ -78,6 +95,7 @@ static DARK: Tokens = Tokens {
     bad: rgb(0xe8_7c7c),
     stage: rgb(0x0b_0c0e),
     lines: [rgb(0x7f_aef5), rgb(0x6c_c497), rgb(0xe3_ad62)],
+    runs: RUNS_IN_THE_DARK,
 };
 
 static LIGHT: Tokens = Tokens {
@@ -98,6 +116,7 @@ static LIGHT: Tokens = Tokens {
     bad: rgb(0xb0_3030),
     stage: rgb(0xe2_e5ea),
     lines: [rgb(0x2a_62c9), rgb(0x16_7148), rgb(0xb0_6b12)],
+    runs: RUNS,
 };
 
 impl Tokens {

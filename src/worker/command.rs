@@ -5,12 +5,13 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use crate::dream::{DreamEpisode, Rows};
+use crate::experiment::side_by_side::{Part, SideBySide};
 use crate::planner::synthesis::Acquisition;
 use crate::query::{DreamId, JudgedTransition, Label, Query, QueryId, Response, SegmentRef};
 use crate::session::{DreamJournal, DreamSource, Event, Fit, Header, Session, SessionStore, UnfinishedDream};
 use crate::tensor::Parameters;
 use crate::worker::RolloutComparison;
-use crate::world::{Frame, WorldSpec};
+use crate::world::{Action, Frame, WorldSpec};
 use crate::world_model::{LatentState, ModelIdentity};
 
 /// A command, and the worker that it is for.
@@ -34,6 +35,8 @@ pub enum WorkerCommand {
     Recorder(RecorderCommand),
     /// Lists and shows recorded episodes.
     EpisodeBrowser(EpisodeBrowserCommand),
+    /// Drives episodes of the planner again.
+    Replayer(ReplayerCommand),
     /// Fits world models.
     Modeler(ModelerCommand),
     /// Shows what episodes begin with.
@@ -242,6 +245,24 @@ pub enum EpisodeBrowserCommand {
     },
 }
 
+/// Drives an episode again that the planner drove.
+#[derive(Debug)]
+pub enum ReplayerCommand {
+    /// Drives it, and no longer the one before.
+    Drive {
+        /// What it is called in reports.
+        replay: u64,
+        /// Of the track.
+        seed: u64,
+        /// What the planner asked for at each step.
+        actions: Arc<[Action]>,
+    },
+    /// Shows this step of it, once it is driven.
+    Show(usize),
+    /// Forgets it.
+    Close,
+}
+
 /// Trains a world model.
 #[derive(Debug)]
 pub enum ModelerCommand {
@@ -448,6 +469,17 @@ pub enum JobCommand {
         path: PathBuf,
         /// What was seen.
         source: ClipSource,
+    },
+    /// Reads results, to set them beside others.
+    OpenResults(PathBuf),
+    /// Writes what is shown of runs side by side.
+    SaveResults {
+        /// What of it.
+        part: Part,
+        /// The file, or the folder of all.
+        path: PathBuf,
+        /// What is shown.
+        shown: Box<SideBySide>,
     },
 }
 

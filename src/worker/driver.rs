@@ -15,7 +15,7 @@ use crate::worker::{
     CandidateView, DeployReport, DriveView, DriverCommand, Latest, OpenError, OpenWorld, Reports, Worker,
     WorkerError, WorkerName, one_thread, picture,
 };
-use crate::world::{Frame, World};
+use crate::world::{Action, Frame, World};
 use crate::world_model::{Placed, WorldModel};
 
 const NAME: WorkerName = WorkerName::Driver;
@@ -91,6 +91,8 @@ struct Episode {
     /// What is seen now.
     frame: Frame,
     tally: Tally,
+    /// What was asked for so far.
+    actions: Vec<Action>,
     n_steps: usize,
     plan_ms: f32,
     /// The plan that is being drawn.
@@ -157,6 +159,7 @@ impl Driver<'_> {
             agent: Agent::new(config, seed),
             frame,
             tally,
+            actions: Vec::new(),
             n_steps: 0,
             plan_ms: 0.0,
             drawing: None,
@@ -195,6 +198,7 @@ impl Driver<'_> {
                 return self.reports.fail(NAME, WorkerError::from(met).gave_up());
             }
         };
+        episode.actions.push(action);
         episode.agent.acted(step.executed.unwrap_or(action));
         episode.tally.add(&step, plan_secs);
         episode.n_steps += 1;
@@ -247,8 +251,9 @@ impl Driver<'_> {
 
     fn finish(&mut self) {
         self.clock.stop();
-        if let Some(Episode { seed, tally, .. }) = self.episode.take() {
-            self.reports.send(DeployReport::Ended { seed, metrics: tally.metrics() });
+        if let Some(Episode { seed, tally, actions, .. }) = self.episode.take() {
+            let (metrics, actions) = (tally.metrics(), actions.into());
+            self.reports.send(DeployReport::Ended { seed, metrics, actions });
         }
     }
 }
@@ -301,10 +306,10 @@ mod tests {
         let driver = driver(6, &Latest::default(), &reports);
         driver.send(DriverCommand::Drive { seed: 11 });
         driver.send(reward(&fixtures::model().hash()));
-        let Report::Deploy(DeployReport::Ended { seed: 11, metrics }) = inbox.recv().unwrap() else {
+        let Report::Deploy(DeployReport::Ended { seed: 11, metrics, actions }) = inbox.recv().unwrap() else {
             panic!("another report")
         };
-        assert_eq!(metrics.n_steps, 6);
+        assert_eq!((metrics.n_steps, actions.len()), (6, 6));
     }
 
     #[test]

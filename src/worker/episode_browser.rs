@@ -4,7 +4,6 @@
 //! moments in which nothing is asked.
 
 use std::collections::VecDeque;
-use std::ops::Range;
 use std::path::Path;
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, TryRecvError};
@@ -13,6 +12,7 @@ use std::time::{Duration, Instant};
 use crate::dataset::{Dataset, DatasetError, Episode};
 use crate::dream::Rows;
 use crate::tensor::{Parameters, to_vec};
+use crate::worker::replayer::stretches;
 use crate::worker::reward_eval::RewardEvaluator;
 use crate::worker::{
     EpisodeBrowserCommand, EpisodeList, EpisodeView, Latest, OpenEpisode, RecordReport, Reports, Worker,
@@ -270,16 +270,6 @@ fn change(
             opened => return change(&mut opened?),
         }
     }
-}
-
-/// The steps that are `true`, as stretches.
-fn stretches(is: &[bool]) -> Vec<Range<usize>> {
-    let mut at = 0;
-    let all = is.chunk_by(PartialEq::eq).map(|stretch| {
-        at += stretch.len();
-        (stretch[0], at - stretch.len()..at)
-    });
-    all.filter_map(|(is, range)| is.then_some(range)).collect()
 }
 
 /// After which steps something went on that must not happen.

@@ -5,11 +5,13 @@ use std::sync::Arc;
 
 use crate::clip::ClipError;
 use crate::dataset::DatasetError;
+use crate::experiment::ResultsError;
 use crate::query::{DreamId, QueryId};
 use crate::reward::RewardError;
 use crate::run::RunError;
 use crate::session::SessionError;
 use crate::tensor::NotFinite;
+use crate::worker::jobs::SaveError;
 use crate::worker::{OpenError, WorkerError};
 use crate::world::SpecError;
 use crate::world_model::WorldModelError;
@@ -91,7 +93,9 @@ met!(
     DatasetError,
     SessionError,
     RunError,
-    NotFinite
+    NotFinite,
+    ResultsError,
+    SaveError
 );
 
 impl WorkerError {

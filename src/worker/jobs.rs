@@ -1,5 +1,9 @@
 //! Single pieces of work on files, each in a thread of its own, so that one may overtake the other.
 
+mod results;
+
+pub(super) use results::SaveError;
+
 use std::ops::ControlFlow;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
@@ -7,6 +11,7 @@ use std::sync::Arc;
 use std::thread::JoinHandle;
 
 use crate::dataset::Dataset;
+use crate::experiment::{Opened, is_results};
 use crate::run::read_at_most;
 use crate::session::header::FILE as SESSION_FILE;
 use crate::session::list_sessions as all_sessions;
@@ -65,6 +70,10 @@ fn do_while(
         JobCommand::Identify(path) => identify(path),
         JobCommand::Practice { world, sessions, annotator } => practice(&world, &sessions, &annotator),
         JobCommand::WriteClip { path, source } => clip_writer::write(path, source),
+        JobCommand::OpenResults(path) => open_results(&path),
+        JobCommand::SaveResults { part, path, shown } => results::save(part, &path, &shown)
+            .map(|said| Some(JobReport::Saved(Ok(said))))
+            .map_err(WorkerError::from),
     };
     match done {
         Ok(Some(done)) => report(done),
@@ -89,6 +98,10 @@ enum Kind {
     Practice,
     /// Writes a clip.
     Clip,
+    /// Reads results.
+    Results,
+    /// Saves what is shown of them.
+    Save,
     Other,
 }
 
@@ -100,6 +113,8 @@ impl Kind {
                 Self::Open
             }
             JobCommand::ListSessions { .. } | JobCommand::StopListing => Self::List,
+            JobCommand::OpenResults(_) => Self::Results,
+            JobCommand::SaveResults { .. } => Self::Save,
             JobCommand::ListMergeable { .. }
             | JobCommand::Merge { .. }
             | JobCommand::HandOver { .. }
@@ -118,6 +133,8 @@ impl Kind {
             Self::Open => "opener",
             Self::List => "lister",
             Self::Clip => "clip writer",
+            Self::Results => "results",
+            Self::Save => "saver",
             Self::Practice | Self::Other => "job",
         }
     }
@@ -129,6 +146,8 @@ impl Kind {
             Self::List => JobReport::NotListed(error),
             Self::Practice => JobReport::Practice(Err(error)),
             Self::Clip => JobReport::ClipWritten(Err(error)),
+            Self::Results => JobReport::Results(Err(error)),
+            Self::Save => JobReport::Saved(Err(error)),
             Self::Other => JobReport::Failed(error),
         }
     }
@@ -161,7 +180,8 @@ impl Jobs {
             Kind::Load => Some(&mut self.loading),
             Kind::Open => Some(&mut self.opening),
             Kind::List => Some(&mut self.listing),
-            Kind::Practice | Kind::Clip | Kind::Other => None,
+            // Each counts: several may be dropped at once.
+            Kind::Results | Kind::Save | Kind::Practice | Kind::Clip | Kind::Other => None,
         }
     }
 
@@ -352,15 +372,22 @@ fn identify(path: PathBuf) -> Done {
     let has = |wanted| path.extension().is_some_and(|extension| extension == wanted);
     let dropped = if has("safetensors") {
         Dropped::WorldModel
-    } else if has("toml") {
+    } else if has("toml") && !is_results(&path) {
         check_world(&path)?;
         Dropped::World
     } else if path.join(SESSION_FILE).exists() {
         Dropped::Session
+    } else if is_results(&path) {
+        Dropped::Results
     } else {
         Dropped::Recordings
     };
     Ok(Some(JobReport::Identified(path, dropped)))
+}
+
+fn open_results(path: &Path) -> Done {
+    let opened = Opened::read(path)?;
+    Ok(Some(JobReport::Results(Ok(Box::new(opened)))))
 }
 
 /// Fails where a file is no world's.

@@ -32,6 +32,7 @@ pub mod jobs;
 pub mod modeler;
 pub mod previewer;
 pub mod recorder;
+pub mod replayer;
 pub mod screener;
 pub mod session_writer;
 pub mod synthesizer;
@@ -50,19 +51,20 @@ pub use channel::{Inbox, Reports};
 pub use command::{
     ClipSource, ClipperCommand, DeployedMoment, DreamInspectorCommand, DreamerCommand, DriverCommand,
     EpisodeBrowserCommand, FolderCheck, JobCommand, ModelerCommand, PreviewerCommand, RecorderCommand,
-    ScreenerCommand, SessionWriterCommand, SynthesizerCommand, TrainerCommand, WorkerCommand,
+    ReplayerCommand, ScreenerCommand, SessionWriterCommand, SynthesizerCommand, TrainerCommand,
+    WorkerCommand,
 };
 pub use crew::Crew;
 pub use read_ahead::read_ahead;
 pub use report::{
-    Cause, DeployReport, DreamReport, DreamStart, Dropped, JobReport, LabelReport, Learning, LoadedWorld,
-    RecordReport, Report, RewardReport, SceneReport, SessionItem, SessionReport, WorkerError, WorkerFailure,
-    WorkerName, WorldModelReport,
+    Cause, DeployReport, DreamReport, DreamStart, Dropped, EvaluateReport, JobReport, LabelReport, Learning,
+    LoadedWorld, RecordReport, Report, RewardReport, SceneReport, SessionItem, SessionReport, WorkerError,
+    WorkerFailure, WorkerName, WorldModelReport,
 };
 pub use session_writer::SessionWriter;
 pub use view::{
     CandidateView, ClipRewards, DreamRewards, DriveView, EpisodeList, EpisodeView, LiveView, OpenEpisode,
-    Promise, ReviewView, RolloutComparison, RolloutView,
+    Promise, ReplayView, ReviewView, RolloutComparison, RolloutView,
 };
 pub use workers::{LoadWorldModel, Slots, Threads, WorkerConfig, Workers};
 

@@ -1,10 +1,12 @@
 //! What workers report, by the room that receives it.
 
+use std::ops::Range;
 use std::path::PathBuf;
 use std::sync::Arc;
 
 use crate::dream::{DreamEpisode, Rows};
 use crate::evaluation::EpisodeMetrics;
+use crate::experiment::Opened;
 use crate::planner::synthesis::Acquisition;
 use crate::query::{DreamId, Query, SegmentRef};
 use crate::session::{
@@ -13,9 +15,9 @@ use crate::session::{
 use crate::tensor::Parameters;
 use crate::worker::{
     ClipRewards, DreamRewards, DriveView, EpisodeList, EpisodeView, FolderCheck, LiveView, OpenEpisode,
-    ReviewView, RolloutView,
+    ReplayView, ReviewView, RolloutView,
 };
-use crate::world::Frame;
+use crate::world::{Action, Frame};
 use crate::world_model::LatentState;
 use crate::world_model::fit::Progress;
 
@@ -34,6 +36,8 @@ pub enum Report {
     Reward(RewardReport),
     /// On the car that the planner drives.
     Deploy(DeployReport),
+    /// On runs that are set side by side.
+    Evaluate(EvaluateReport),
     /// On the session on disk.
     Session(SessionReport),
     /// On what episodes begin with.
@@ -197,6 +201,8 @@ pub enum DeployReport {
         seed: u64,
         /// Its figures.
         metrics: EpisodeMetrics,
+        /// What the planner asked for at each step.
+        actions: Arc<[Action]>,
     },
 }
 
@@ -207,6 +213,29 @@ pub struct SceneReport {
     pub seed: u64,
     /// As a person sees it: width, height, RGB bytes.
     pub picture: (u32, u32, Arc<[u8]>),
+}
+
+/// On an episode of the planner that is driven again.
+#[derive(Debug)]
+pub enum EvaluateReport {
+    /// So many steps of it are driven.
+    Replaying {
+        /// Which.
+        replay: u64,
+        /// How many.
+        done: usize,
+    },
+    /// All of it is driven.
+    Replayed {
+        /// Which.
+        replay: u64,
+        /// Its figures.
+        metrics: EpisodeMetrics,
+        /// The steps in which something went on that must not happen.
+        unsafe_steps: Vec<Range<usize>>,
+    },
+    /// A step of it.
+    View(ReplayView),
 }
 
 /// On the session on disk.
@@ -350,6 +379,10 @@ pub enum JobReport {
     Practice(Result<PathBuf, WorkerError>),
     /// A clip is on disk, or why it is not.
     ClipWritten(Result<PathBuf, WorkerError>),
+    /// Results were read, or why they could not be.
+    Results(Result<Box<Opened>, WorkerError>),
+    /// What is shown of them was saved; the sentence says where. Or why it could not be.
+    Saved(Result<String, WorkerError>),
     /// Something could not be done.
     Failed(WorkerError),
 }
@@ -402,6 +435,8 @@ pub enum Dropped {
     World,
     /// The folder of a session.
     Session,
+    /// Results, to be set beside others.
+    Results,
     /// Another folder: recordings, perhaps.
     Recordings,
 }
@@ -424,6 +459,7 @@ rooms!(
     Label(LabelReport),
     Reward(RewardReport),
     Deploy(DeployReport),
+    Evaluate(EvaluateReport),
     Session(SessionReport),
     Scene(SceneReport),
     Job(JobReport)
@@ -459,6 +495,7 @@ pub enum WorkerName {
     DreamInspector,
     Recorder,
     EpisodeBrowser,
+    Replayer,
     Modeler,
     Previewer,
     SessionWriter,
@@ -467,7 +504,7 @@ pub enum WorkerName {
 
 impl WorkerName {
     /// All of them.
-    pub const ALL: [Self; 13] = [
+    pub const ALL: [Self; 14] = [
         Self::Dreamer,
         Self::Clipper,
         Self::Screener,
@@ -477,6 +514,7 @@ impl WorkerName {
         Self::DreamInspector,
         Self::Recorder,
         Self::EpisodeBrowser,
+        Self::Replayer,
         Self::Modeler,
         Self::Previewer,
         Self::SessionWriter,
@@ -495,6 +533,7 @@ impl WorkerName {
             Self::DreamInspector => "dream inspector",
             Self::Recorder => "recorder",
             Self::EpisodeBrowser => "episode browser",
+            Self::Replayer => "replayer",
             Self::Modeler => "modeler",
             Self::Previewer => "previewer",
             Self::SessionWriter => "session writer",

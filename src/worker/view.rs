@@ -154,6 +154,17 @@ pub struct EpisodeView {
     pub frame: Frame,
 }
 
+/// A step of an episode that the planner drove, and that was driven again.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ReplayView {
+    /// Of which.
+    pub replay: u64,
+    /// Which step.
+    pub step: usize,
+    /// What the models see there.
+    pub frame: Frame,
+}
+
 /// One imagined future, for the eye.
 #[derive(Clone, Debug)]
 pub struct CandidateView {

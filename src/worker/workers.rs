@@ -12,11 +12,12 @@ use crate::worker::channel::Sent;
 use crate::worker::jobs::Jobs;
 use crate::worker::{
     Cause, ClipperCommand, DeployReport, Dismissed, DreamInspectorCommand, DreamReport, DreamerCommand,
-    DriveView, DriverCommand, EpisodeBrowserCommand, EpisodeView, Inbox, Latest, LiveAction, LiveView,
-    LoadedWorld, ModelerCommand, OpenWorld, PreviewerCommand, RecordReport, RecorderCommand, Report, Reports,
-    ReviewView, RolloutView, ScreenerCommand, SessionWriterCommand, SynthesizerCommand, TrainerCommand,
-    Worker, WorkerCommand, clipper, dream_inspector, dreamer, driver, episode_browser, modeler, previewer,
-    recorder, screener, session_writer, synthesizer, trainer,
+    DriveView, DriverCommand, EpisodeBrowserCommand, EpisodeView, EvaluateReport, Inbox, Latest, LiveAction,
+    LiveView, LoadedWorld, ModelerCommand, OpenWorld, PreviewerCommand, RecordReport, RecorderCommand,
+    ReplayView, ReplayerCommand, Report, Reports, ReviewView, RolloutView, ScreenerCommand,
+    SessionWriterCommand, SynthesizerCommand, TrainerCommand, Worker, WorkerCommand, clipper,
+    dream_inspector, dreamer, driver, episode_browser, modeler, previewer, recorder, replayer, screener,
+    session_writer, synthesizer, trainer,
 };
 use crate::world::WorldSpec;
 use crate::world_model::fit::FitConfig;
@@ -76,12 +77,14 @@ pub struct Slots {
     pub review: Latest<ReviewView>,
     /// What is seen of a recorded episode.
     pub episode: Latest<EpisodeView>,
+    /// What is seen of an episode that is driven again.
+    pub replay: Latest<ReplayView>,
 }
 
 impl Slots {
     /// The pictures that are new, each taken out of its slot.
     pub fn take(&self) -> impl Iterator<Item = Report> {
-        let Self { action: _, dream, record, rollout, drive, review, episode } = self;
+        let Self { action: _, dream, record, rollout, drive, review, episode, replay } = self;
         let views = [
             dream.take().map(|view| DreamReport::View(view).into()),
             record.take().map(|view| RecordReport::View(view).into()),
@@ -89,6 +92,7 @@ impl Slots {
             drive.take().map(|view| DeployReport::View(view).into()),
             review.take().map(|view| DreamReport::Review(view).into()),
             episode.take().map(|view| RecordReport::EpisodeView(view).into()),
+            replay.take().map(|view| EvaluateReport::View(view).into()),
         ];
         views.into_iter().flatten()
     }
@@ -220,6 +224,9 @@ workers! {
     };
     EpisodeBrowser, episode_browser: EpisodeBrowserCommand, lives Program, fills [episode], |start| {
         Some(episode_browser::spawn(Arc::clone(&start.config.spec), start.slots.episode.clone(), start.reports))
+    };
+    Replayer, replayer: ReplayerCommand, lives Program, fills [replay], |start| {
+        Some(replayer::spawn(Arc::clone(&start.config.open), start.slots.replay.clone(), start.reports))
     };
     Modeler, modeler: ModelerCommand, lives Program, fills [], |start| {
         let WorkerConfig { world, fit, backend, .. } = start.config;

@@ -21,6 +21,7 @@ mod saving;
 mod seen;
 mod episodes;
 mod first_hour;
+mod evaluate;
 
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -36,9 +37,10 @@ use dropj::session::{DreamSource, Header, SessionStore};
 use dropj::tensor::Backend;
 use dropj::ui::{InputSource, PadButton, PadEvent, Wake, Window, WindowStartup};
 use dropj::worker::{
-    ClipperCommand, DeployReport, DreamReport, DreamStart, DreamerCommand, LabelReport, LiveAction, LiveView,
-    LoadedWorld, RecordReport, RecorderCommand, Report, RewardReport, SessionWriter, Slots, Threads,
-    TrainerCommand, WorkerCommand, WorkerConfig, WorkerError, WorkerFailure, WorkerName, Workers,
+    ClipperCommand, DeployReport, DreamReport, DreamStart, DreamerCommand, EvaluateReport, LabelReport,
+    LiveAction, LiveView, LoadedWorld, RecordReport, RecorderCommand, Report, RewardReport, SessionWriter,
+    Slots, Threads, TrainerCommand, WorkerCommand, WorkerConfig, WorkerError, WorkerFailure, WorkerName,
+    Workers,
 };
 use dropj::world::cars::{Aids, CarWorld};
 use dropj::world::controls::Pad;
@@ -140,6 +142,7 @@ impl Workers for Backstage {
         reports.extend(slots.rollout.take().map(|view| Report::Record(RecordReport::Rollout(view))));
         reports.extend(slots.episode.take().map(|view| Report::Record(RecordReport::EpisodeView(view))));
         reports.extend(slots.review.take().map(|view| Report::Dream(DreamReport::Review(view))));
+        reports.extend(slots.replay.take().map(|view| Report::Evaluate(EvaluateReport::View(view))));
         reports.extend(slots.drive.take().map(|view| Report::Deploy(DeployReport::View(view))));
         reports
     }

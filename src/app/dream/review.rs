@@ -59,7 +59,7 @@ impl State {
         match self.panel {
             Panel::Reward => true,
             Panel::Dream => !self.dream.is_on && self.review.dream.is_some(),
-            Panel::Record | Panel::World | Panel::Label | Panel::Deploy => false,
+            Panel::Record | Panel::World | Panel::Label | Panel::Deploy | Panel::Evaluate => false,
         }
     }
 }
@@ -68,6 +68,9 @@ impl App {
     pub(in crate::app) fn playback_command(&mut self, command: &PlaybackCommand) {
         if self.state.panel == Panel::Record {
             return self.play_episode(command);
+        }
+        if self.state.panel == Panel::Evaluate {
+            return self.play_replay(command);
         }
         match command {
             PlaybackCommand::Next(by) => {

@@ -5,7 +5,8 @@ use std::path::{Path, PathBuf};
 
 use crate::app::session::is_same;
 use crate::app::{
-    App, Command, Effect, Field, Panel, RecordCommand, SessionCommand, WindowCommand, WorldModelCommand,
+    App, Command, Effect, EvaluateCommand, Field, Panel, RecordCommand, SessionCommand, WindowCommand,
+    WorldModelCommand,
 };
 use crate::session::Annotators;
 use crate::worker::{Dropped, JobCommand, SessionItem, WorkerError};
@@ -87,6 +88,7 @@ impl App {
             Dropped::WorldModel => self.world_model_command(WorldModelCommand::Load(path)),
             Dropped::World => self.open_world(path),
             Dropped::Recordings => self.record_command(RecordCommand::UseDataset(path)),
+            Dropped::Results => self.evaluate_command(EvaluateCommand::Open(path)),
             Dropped::Session if self.state.merge.is_open => self.add_to_merge(path),
             Dropped::Session => self.session_command(SessionCommand::Open(path)),
         }

@@ -204,6 +204,8 @@ impl App {
             JobReport::Recordings(dir, said) => self.recordings_found(&dir, said),
             JobReport::Practice(made) => self.practice_made(made),
             JobReport::ClipWritten(written) => self.clip_written(written),
+            JobReport::Results(read) => self.results_read(read),
+            JobReport::Saved(saved) => self.results_saved(saved),
             JobReport::Failed(error) => self.job_failed(&error),
         }
     }

@@ -91,7 +91,7 @@ pub(in crate::ui) fn help_ui(ui: &mut Ui, state: &View<'_>, commands: &mut Comma
                 keys_ui(&mut columns[1], state, "Labeling", LABELING, commands);
             });
             ui.add_space(GAP);
-            ui.label(tokens::small(ui, "Ctrl and 1 to 6 go to a panel; Ctrl+Z undoes an answer, Ctrl+Shift+Z or Ctrl+Y gives it back. Looking at a kept dream: Page Up and Page Down for others, Delete deletes it."));
+            ui.label(tokens::small(ui, "Ctrl and 1 to 7 go to a panel; Ctrl+Z undoes an answer, Ctrl+Shift+Z or Ctrl+Y gives it back. Looking at a kept dream or a driven episode: Page Up and Page Down for others; Delete deletes a dream."));
             ui.label(tokens::small(ui, ON_SEEING));
             ui.label(tokens::small(ui, "Ctrl and + or − make everything larger or smaller, Ctrl+0 as it was. Tab goes from one control to the next, Space or Enter presses it."));
             ui.add_space(GAP);
