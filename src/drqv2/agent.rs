@@ -142,7 +142,7 @@ impl DrqAgent {
 
     /// What it does where it sees these pictures, in `[-1, 1]`.
     pub(super) fn mean(&self, pictures: &VecDeque<Frame>) -> Tensor {
-        let pixels: Vec<u8> = pictures.iter().flat_map(|frame| frame.rgb()).copied().collect();
+        let pixels: Vec<u8> = pictures.iter().flat_map(Frame::rgb).copied().collect();
         let pixels = stacked(&pixels, [1, pictures.len()], self.nature.size(), self.backend.device);
         tch::no_grad(|| self.actor.forward(&self.encoder.forward(&pixels, self.backend.kind)))
     }

@@ -36,7 +36,9 @@ pub fn tables(records: &[Record]) -> [String; 2] {
     let events = names(&mut finished.iter().flat_map(|one| one.events.keys()));
     let mut training =
         "episode,steps,updates,return,episode_steps,noise,critic_loss,value,unsafe_steps".to_owned();
-    events.iter().for_each(|event| training.extend([",", event]));
+    for event in &events {
+        training.extend([",", event]);
+    }
     for one in finished {
         let Finished { episode, steps, updates, ret, n_steps, noise, unsafe_steps, .. } = one;
         let (loss, value) = (optional(one.critic_loss), optional(one.value));
@@ -51,7 +53,9 @@ pub fn tables(records: &[Record]) -> [String; 2] {
 
     let events = names(&mut evaluated.iter().flat_map(|one| one.events.keys()));
     let mut evaluations = "steps,updates,episodes,return,lowest,highest,unsafe_rate".to_owned();
-    events.iter().for_each(|event| evaluations.extend([",", event]));
+    for event in &events {
+        evaluations.extend([",", event]);
+    }
     for one in evaluated {
         let Evaluated { steps, updates, returns, ret, unsafe_rate, .. } = one;
         let [low, high] = ends(returns);
@@ -154,7 +158,7 @@ fn draw_returns<B: DrawingBackend>(
     drawn
         .label("DrQ-v2 without noise: mean, lowest, highest")
         .legend(move |(x, y)| PathElement::new([(x, y), (x + 18, y)], quiet.stroke_width(3)));
-    legend(&mut chart, SeriesLabelPosition::UpperLeft)
+    legend(&mut chart, SeriesLabelPosition::MiddleLeft)
 }
 
 fn draw_unsafe<B: DrawingBackend>(

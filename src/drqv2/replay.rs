@@ -270,7 +270,7 @@ impl Replay {
     }
 }
 
-/// Pictures as the encoder takes them, in memory with channels last.
+/// Pictures as the encoder takes them.
 ///
 /// # Shapes
 /// - `pixels`: `[B, k, H, W, 3]`
@@ -278,8 +278,7 @@ impl Replay {
 pub(super) fn stacked(pixels: &[u8], [b, k]: [usize; 2], size: Size, device: Device) -> Tensor {
     let [b, k, height, width] = [b as i64, k as i64, i64::from(size.height), i64::from(size.width)];
     let pixels = Tensor::from_slice(pixels).view([b, k, height, width, 3]).to_device(device);
-    let last = pixels.permute([0, 2, 3, 1, 4]).reshape([b, height, width, 3 * k]);
-    last.permute([0, 3, 1, 2])
+    pixels.permute([0, 1, 4, 2, 3]).reshape([b, 3 * k, height, width])
 }
 
 /// Appends a picture as it is seen so many rows and columns further down and to the right; beyond its edges they go on.

@@ -97,12 +97,11 @@ fn samples_are_n_step_returns_and_stay_within_their_episode() {
     assert_eq!(replay.numbers().collect::<Vec<_>>(), [0], "two actions have no three rewards");
     let batch = replay.sample(&config, Device::Cpu, &mut rng());
     assert_eq!(batch.pixels.size(), [200, 9, 18, 18]);
-    let wanted: BTreeMap<u8, ([u8; 3], [u8; 3], f32, f32, f32)> = [
-        (0, ([0, 0, 0], [10, 20, 30], 0.0, 5.23, 0.729)),
+    let wanted = BTreeMap::from([
+        (0u8, ([0u8, 0, 0], [10u8, 20, 30], 0.0f32, 5.23f32, 0.729f32)),
         (10, ([0, 0, 10], [20, 30, 40], 0.1, 7.94, 0.729)),
-        (20, ([0, 10, 20], [30, 40, 50], 0.2, 10.65, 0.0)),
-    ]
-    .into();
+        (20, ([0, 10, 20], [30, 40, 50], 0.2, 10.65, 0.0f32)),
+    ]);
     let (now, next) = (shown(&batch.pixels, 3), shown(&batch.next_pixels, 3));
     let [rewards, discounts] = [&batch.rewards, &batch.discounts].map(to_vec);
     let mut met = BTreeMap::new();
