@@ -373,8 +373,11 @@ fn needs_session(command: &Command) -> bool {
             matches!(command, DreamCommand::Start | DreamCommand::Delete(_) | DreamCommand::Restore(_))
         }
         Command::Window(command) => matches!(command, WindowCommand::Restart),
-        Command::Record(_) | Command::WorldModel(_) | Command::Playback(_) | Command::Deploy(_) => false,
-        Command::Evaluate(_) => false,
+        Command::Record(_)
+        | Command::WorldModel(_)
+        | Command::Playback(_)
+        | Command::Deploy(_)
+        | Command::Evaluate(_) => false,
     }
 }
 
