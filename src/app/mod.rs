@@ -387,8 +387,11 @@ fn needs_session(command: &Command) -> bool {
         }
         Command::Window(command) => matches!(command, WindowCommand::Restart),
         Command::Guide(command) => matches!(command, GuideCommand::Dream | GuideCommand::Practice),
-        Command::Record(_) | Command::WorldModel(_) | Command::Playback(_) | Command::Deploy(_) => false,
-        Command::Evaluate(_) => false,
+        Command::Record(_)
+        | Command::WorldModel(_)
+        | Command::Playback(_)
+        | Command::Deploy(_)
+        | Command::Evaluate(_) => false,
     }
 }
 

@@ -1,6 +1,6 @@
 //! The table of runs, and the results that they come from.
 
-use eframe::egui::{Color32, Grid, ScrollArea, Sense, Shape, Stroke, TextEdit, Ui, pos2, vec2};
+use eframe::egui::{Color32, Grid, Label, ScrollArea, Sense, Shape, Stroke, TextEdit, Ui, pos2, vec2};
 use egui_plot::MarkerShape;
 
 use crate::app::evaluate::ShownRun;
@@ -70,12 +70,13 @@ pub(super) fn runs_ui(ui: &mut Ui, state: &View<'_>, commands: &mut Commands) {
             if KeyButton::new(&close).tone(Tone::Quiet).small().is_pressed(ui) {
                 commands.push(Command::Evaluate(EvaluateCommand::Close(results.id)));
             }
-            let about = ui.label(tokens::small(ui, results.opened.about.as_str()));
-            about.on_hover_text(results.opened.path.display().to_string());
             if !results.opened.notes.is_empty() {
                 let noted = tokens::small(ui, "not all of it was read").color(Tokens::of(ui).warn);
                 ui.label(noted).on_hover_text(results.opened.notes.join("\n"));
             }
+            // It ends in … where there is no room: a row that is too long would widen all cards.
+            let about = Label::new(tokens::small(ui, results.opened.about.as_str())).truncate();
+            ui.add(about).on_hover_text(results.opened.path.display().to_string());
         });
     }
 }
