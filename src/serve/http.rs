@@ -287,15 +287,16 @@ mod tests {
         assert_eq!((request.token.as_deref(), request.host.as_deref()), (Some("abc"), Some("here:80")));
         assert_eq!(&text[n_head..], b"hello");
         assert!((0..n_head).all(|n| matches!(parse(&text[..n]), Ok(None))), "half a head is no request yet");
-        for (text, expected) in [
-            (&b"\x16\x03\x01\x02\x00"[..], 400),
+        let cases: [(&[u8], u16); 7] = [
+            (b"\x16\x03\x01\x02\x00", 400),
             (b"GET / HTTP/2.0\r\n\r\n", 505),
             (b"DELETE / HTTP/1.1\r\n\r\n", 405),
             (b"GET / HTTP/1.1\r\nContent-Length: -1\r\n\r\n", 400),
             (b"GET / HTTP/1.1\r\nContent-Length: 1\r\nContent-Length: 2\r\n\r\n", 400),
             (b"GET / HTTP/1.1\r\nTransfer-Encoding: chunked\r\n\r\n", 411),
             (b"GET / HTTP/1.1\r\nExpect: 100-continue\r\n\r\n", 417),
-        ] {
+        ];
+        for (text, expected) in cases {
             assert_eq!(status(text), Some(expected), "{:?}", String::from_utf8_lossy(text));
         }
         let long = b"POST / HTTP/1.1\r\nContent-Length: 99999999999999999999999999\r\n\r\n";

@@ -123,7 +123,7 @@ mod tests {
         let n_taken = (0..10_000).filter(|n| limits.take_address(address(*n), began)).count();
         assert_eq!((n_taken, limits.addresses.each.len()), (MOST, MOST));
         assert!(
-            limits.take_address(address(20_000), began + Duration::from_secs(60)),
+            limits.take_address(address(20_000), began + Duration::from_mins(1)),
             "the quiet ones are forgotten"
         );
         assert_eq!(limits.addresses.each.len(), 1);
