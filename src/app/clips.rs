@@ -215,9 +215,11 @@ mod tests {
         let mut ask = |command| app.command(Command::Window(command), crate::app::Moment::default());
         ask(WindowCommand::SaveClip);
         ask(WindowCommand::Chosen(Purpose::Clip, chosen));
-        app.take_effects().into_iter().find_map(|effect| match effect {
-            Effect::Worker(WorkerCommand::Jobs(JobCommand::WriteClip { path, .. })) => Some(path),
-            _ => None,
+        app.take_effects().into_iter().find_map(|effect| {
+            let Effect::Worker(WorkerCommand::Jobs(JobCommand::WriteClip { path, .. })) = effect else {
+                return None;
+            };
+            Some(path)
         })
     }
 

@@ -106,6 +106,7 @@ pub enum LabelCommand {
 }
 
 /// Answering.
+#[expect(clippy::struct_excessive_bools, reason = "each is true or not whatever the others are")]
 #[derive(Debug)]
 pub(crate) struct Labeling {
     /// Dreams whose files are damaged: nothing is shown of them.
