@@ -65,22 +65,22 @@ pub enum RecordedError {
     World(String),
     /// Nothing can be recorded.
     #[error(transparent)]
-    Record(#[from] RecordError),
+    Record(Box<RecordError>),
     /// Recordings cannot be read.
     #[error(transparent)]
     Dataset(#[from] DatasetError),
     /// It cannot be learned.
     #[error(transparent)]
-    Fit(#[from] FitError),
+    Fit(Box<FitError>),
     /// What was learned cannot be used.
     #[error(transparent)]
     Model(#[from] WorldModelError),
     /// Its fidelity cannot be told.
     #[error(transparent)]
-    Fidelity(#[from] FidelityError),
+    Fidelity(Box<FidelityError>),
     /// What the stand-in sees with cannot be fitted.
     #[error("what the stand-in sees with cannot be fitted: {0}")]
-    FitProbe(#[from] FitProbeError),
+    FitProbe(Box<FitProbeError>),
     /// What the stand-in sees with is not finite.
     #[error("what the stand-in sees with cannot be fitted: {0}")]
     NotFinite(#[from] NotFinite),
@@ -101,6 +101,30 @@ pub enum RecordedError {
     /// It was told to end.
     #[error("the trial was broken off")]
     Stopped,
+}
+
+impl From<RecordError> for RecordedError {
+    fn from(met: RecordError) -> Self {
+        Self::Record(Box::new(met))
+    }
+}
+
+impl From<FitError> for RecordedError {
+    fn from(met: FitError) -> Self {
+        Self::Fit(Box::new(met))
+    }
+}
+
+impl From<FidelityError> for RecordedError {
+    fn from(met: FidelityError) -> Self {
+        Self::Fidelity(Box::new(met))
+    }
+}
+
+impl From<FitProbeError> for RecordedError {
+    fn from(met: FitProbeError) -> Self {
+        Self::FitProbe(Box::new(met))
+    }
 }
 
 /// Opens the world without aids, to record in it.
@@ -301,9 +325,13 @@ impl Making<'_> {
         if found.n_stretches > 0 {
             tell("seen_error", f64::from(found.reconstruction));
             let ahead = Fidelity::STEPS.iter().position(|steps| *steps == 25);
-            ahead.into_iter().for_each(|i| tell("dreamed_error", f64::from(found.dreamed[i])));
+            if let Some(i) = ahead {
+                tell("dreamed_error", f64::from(found.dreamed[i]));
+            }
         }
-        accuracy.into_iter().for_each(|accuracy| tell("probe_accuracy", accuracy));
+        if let Some(accuracy) = accuracy {
+            tell("probe_accuracy", accuracy);
+        }
         Ok(figures)
     }
 }
