@@ -89,7 +89,7 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
         write_whole(path, &bytes_of(module)?)?;
     }
     form.tell(&serde_json::json!({"files": paths}), || {
-        paths.iter().map(|path| format!("written: {path:?}\n")).collect()
+        paths.iter().map(|path| format!("written: {path:?}\n")).collect::<Vec<_>>().concat()
     })
 }
 

@@ -53,7 +53,7 @@ pub(crate) fn write(item: &Item<'_>, out: &Path, results: Option<&Path>, form: F
             let building = begin(out)?;
             let mut meter = Meter::new();
             dataset.write_for_hub(building.dir(), |done, n| {
-                meter.at("writing episodes", done, n, String::new)
+                meter.at("writing episodes", done, n, String::new);
             })?;
             drop(meter);
             building.finish()?;

@@ -48,6 +48,7 @@ win. What was only asked again has no mu.";
 /// How the table is written.
 #[derive(Debug, clap::Args)]
 #[group(required = true, multiple = false)]
+#[expect(clippy::struct_excessive_bools, reason = "one for each form")]
 struct Form {
     /// A line of names, then a line an answer
     #[arg(long)]

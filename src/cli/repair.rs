@@ -35,7 +35,7 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
     let origin = origin.map(|model| Origin { world_model: model.hash(), env: model.config().env.clone() });
     let repaired = repair(dir, origin.as_ref(), options.dry_run)?;
     let n = repaired.n_kept;
-    let notes = repaired.notes.iter().map(|note| json!({"line": note.line, "what": note.what.to_string()}));
+    let notes = repaired.notes.iter().map(|note| json!({"line": note.line, "what": note.what}));
     let told = json!({
         "session": dir, "events_kept": n, "changed": !options.dry_run && !repaired.kept_beside.is_empty(),
         "notes": notes.collect::<Vec<_>>(), "kept_beside": repaired.kept_beside
