@@ -4,10 +4,10 @@ use std::collections::BTreeMap;
 
 use serde_json::{Map, Value};
 
-use super::table::{Row, Rows};
+use super::table::{Row, Rows, WORLD_MODEL};
 
 /// Columns of whole numbers.
-const WHOLE: [&str; 6] = ["trial", "seed", "answers", "labels", "track", "steps"];
+const WHOLE: [&str; 7] = ["trial", "seed", "answers", "labels", "recorded", "track", "steps"];
 /// Columns of words.
 const WORDS: [&str; 6] = ["method", "strategy", "weights", "annotators", "fit", "planner"];
 /// Columns of other numbers that are of no event.
@@ -111,10 +111,14 @@ fn records(text: &str) -> Vec<(u64, Vec<String>)> {
 }
 
 fn row(cells: &[(&str, &str)], line: u64) -> Result<Row, CsvError> {
-    let (mut fields, mut events) = (Map::new(), BTreeMap::new());
+    let (mut fields, mut events, mut world_model) = (Map::new(), BTreeMap::new(), BTreeMap::new());
     for &(name, cell) in cells {
         if WORDS.contains(&name) {
             fields.insert(name.to_owned(), cell.into());
+            continue;
+        }
+        if name == "found" {
+            fields.insert(name.to_owned(), (cell == "1").into());
             continue;
         }
         let wrong = || CsvError::Number { line, column: name.to_owned(), found: cell.to_owned() };
@@ -127,11 +131,15 @@ fn row(cells: &[(&str, &str)], line: u64) -> Result<Row, CsvError> {
         };
         if WHOLE.contains(&name) || NUMBERS.contains(&name) {
             fields.insert(name.to_owned(), value);
+        } else if WORLD_MODEL.iter().any(|(key, _)| *key == name) {
+            // What was not measured has no cell.
+            world_model.extend((!value.is_null()).then_some((name, value)));
         } else {
             events.insert(name, value);
         }
     }
     fields.insert("events".to_owned(), serde_json::json!(events));
+    fields.insert("world_model".to_owned(), serde_json::json!(world_model));
     serde_json::from_value(Value::Object(fields)).map_err(|met| CsvError::Row { line, met })
 }
 
@@ -145,6 +153,8 @@ mod tests {
         let mut rows = rows();
         rows.0[3].weights = "flat, all 0.9".to_owned();
         rows.0[4].events.insert("bump_rate".to_owned(), None);
+        (rows.0[5].found, rows.0[6].recorded) = (true, Some(25));
+        rows.0[7].world_model.insert("seen_error".to_owned(), 0.125);
         let mut read = Rows::from_csv(&rows.to_csv()).unwrap();
         for row in &mut read.0 {
             // What nobody passed has no column.
