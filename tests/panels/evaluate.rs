@@ -188,10 +188,9 @@ fn an_episode_of_the_planner_is_driven_again_and_looked_at_step_by_step() {
     assert_eq!(asked(&backstage), ["look 1", "look 2", "look 1"]);
     harness.get_by_label("Driven again under way");
     backstage.slots.replay.put(ReplayView { replay: number, step: 1, frame: frame(90) });
-    let done = |metrics| EvaluateReport::Replayed {
-        replay: number,
-        metrics,
-        unsafe_steps: std::iter::once(3..15).collect(),
+    let done = |metrics| {
+        let unsafe_steps = vec![3..15, 40..42];
+        EvaluateReport::Replayed { replay: number, metrics, unsafe_steps }
     };
     backstage.report(Report::Evaluate(done(metrics(702.0))));
     harness.run_steps(2);
