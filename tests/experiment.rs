@@ -96,15 +96,15 @@ fn toy(name: &str, dir: &Path) -> std::path::PathBuf {
     let mut command = Command::new(env!("CARGO_BIN_EXE_dropj"));
     command.args(["experiment", name, "--scale", "toy", "--jobs", "2", "--out"]).arg(&out);
     command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::piped());
-    finished(command.spawn().unwrap());
+    finished(command.spawn().expect("the program is there"));
     out
 }
 
 /// The lines of a table behind its head, each as its cells by name.
 fn table(path: &Path) -> Vec<std::collections::BTreeMap<String, String>> {
-    let text = fs::read_to_string(path).unwrap();
+    let text = fs::read_to_string(path).expect("the table is there");
     let mut lines = text.lines();
-    let names: Vec<&str> = lines.next().unwrap().split(',').collect();
+    let names: Vec<&str> = lines.next().expect("it has a head").split(',').collect();
     lines.map(|line| names.iter().map(|name| (*name).to_owned()).zip(cells(line)).collect()).collect()
 }
 
@@ -116,7 +116,7 @@ fn cells(line: &str) -> Vec<String> {
         match letter {
             '"' => is_quoted = !is_quoted,
             ',' if !is_quoted => cells.push(String::new()),
-            _ => cells.iter_mut().last().unwrap().push(letter),
+            _ => cells.iter_mut().last().expect("it began with one").push(letter),
         }
     }
     cells

@@ -361,8 +361,7 @@ mod tests {
                 }
             }
             let text = summary(&Description { seeds: (0..n).collect(), ..asked() }, &Rows(all), 0);
-            let line = text.lines().find(|line| line.contains("DROP − DROPJ")).unwrap().to_owned();
-            line
+            text.lines().find(|line| line.contains("DROP − DROPJ")).unwrap().to_owned()
         };
         assert!(of(5).ends_with("| differ | not told apart, p = 0.0625 |"), "{}", of(5));
         assert!(of(6).ends_with("| differ | differ, p = 0.0312 |"), "{}", of(6));
