@@ -72,7 +72,7 @@ fn an_experiment_that_is_killed_goes_on_and_comes_to_the_same() {
     // Another experiment does not get into that folder.
     fs::write(&asked, SMALL.replace("queries = 6", "queries = 7")).unwrap();
     let refused = experiment(&asked, &whole).output().unwrap();
-    assert_eq!(refused.status.code(), Some(1));
+    assert_eq!(refused.status.code(), Some(2));
     assert!(String::from_utf8_lossy(&refused.stderr).contains("holds another experiment"));
 }
 
@@ -83,7 +83,7 @@ fn a_trial_that_cannot_be_is_said_with_its_reason() {
     fs::write(&asked, SMALL.replace("world = ", "world-model = \"nowhere.safetensors\"\nworld = ")).unwrap();
     let output = experiment(&asked, &dir.path().join("run")).output().unwrap();
     let said = String::from_utf8_lossy(&output.stderr);
-    assert_eq!(output.status.code(), Some(1), "{said}");
+    assert_eq!(output.status.code(), Some(2), "{said}");
     assert!(
         said.contains("2 of the trials came to nothing") && said.contains("nowhere.safetensors"),
         "{said}"
@@ -96,7 +96,7 @@ fn toy(name: &str, dir: &Path) -> std::path::PathBuf {
     let mut command = Command::new(env!("CARGO_BIN_EXE_dropj"));
     command.args(["experiment", name, "--scale", "toy", "--jobs", "2", "--out"]).arg(&out);
     command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::piped());
-    finished(command.spawn().expect("the program starts"));
+    finished(command.spawn().expect("the program is there"));
     out
 }
 
@@ -104,7 +104,7 @@ fn toy(name: &str, dir: &Path) -> std::path::PathBuf {
 fn table(path: &Path) -> Vec<std::collections::BTreeMap<String, String>> {
     let text = fs::read_to_string(path).expect("the table is there");
     let mut lines = text.lines();
-    let names: Vec<&str> = lines.next().expect("there are names").split(',').collect();
+    let names: Vec<&str> = lines.next().expect("it has a head").split(',').collect();
     lines.map(|line| names.iter().map(|name| (*name).to_owned()).zip(cells(line)).collect()).collect()
 }
 
@@ -116,7 +116,7 @@ fn cells(line: &str) -> Vec<String> {
         match letter {
             '"' => is_quoted = !is_quoted,
             ',' if !is_quoted => cells.push(String::new()),
-            _ => cells.iter_mut().last().expect("there is a cell").push(letter),
+            _ => cells.iter_mut().last().expect("it began with one").push(letter),
         }
     }
     cells

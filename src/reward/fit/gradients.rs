@@ -94,7 +94,7 @@ mod tests {
     fn who_watches_a_fit_sees_it_before_its_first_step_and_changes_nothing() {
         let mut seen = Vec::new();
         let (mut one, mut other) = (trainer(RewardConfig::tiny()), trainer(RewardConfig::tiny()));
-        let _ = one.fit(&mut rng(1), |_| ControlFlow::Continue(())).unwrap();
+        assert!(one.fit(&mut rng(1), |_| ControlFlow::Continue(())).unwrap().is_continue());
         let watched = other.fit_watched(&mut rng(1), |trainer, report| {
             let gradients = trainer.gradients();
             seen.push((
@@ -103,7 +103,7 @@ mod tests {
             ));
             ControlFlow::Continue(())
         });
-        let _ = watched.unwrap();
+        assert!(watched.unwrap().is_continue());
         assert_eq!(seen.iter().map(|(epoch, _)| *epoch).collect::<Vec<_>>(), (0..=20).collect::<Vec<_>>());
         assert!((seen[0].1 - 0.5).abs() < 1e-6 && seen[20].1 < 0.3, "{seen:?}");
         let weights = |trainer: &Trainer| to_vec(&trainer.ensemble.layers[0].weight);
