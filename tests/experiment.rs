@@ -72,7 +72,7 @@ fn an_experiment_that_is_killed_goes_on_and_comes_to_the_same() {
     // Another experiment does not get into that folder.
     fs::write(&asked, SMALL.replace("queries = 6", "queries = 7")).unwrap();
     let refused = experiment(&asked, &whole).output().unwrap();
-    assert_eq!(refused.status.code(), Some(2));
+    assert_eq!(refused.status.code(), Some(1));
     assert!(String::from_utf8_lossy(&refused.stderr).contains("holds another experiment"));
 }
 
@@ -83,7 +83,7 @@ fn a_trial_that_cannot_be_is_said_with_its_reason() {
     fs::write(&asked, SMALL.replace("world = ", "world-model = \"nowhere.safetensors\"\nworld = ")).unwrap();
     let output = experiment(&asked, &dir.path().join("run")).output().unwrap();
     let said = String::from_utf8_lossy(&output.stderr);
-    assert_eq!(output.status.code(), Some(2), "{said}");
+    assert_eq!(output.status.code(), Some(1), "{said}");
     assert!(
         said.contains("2 of the trials came to nothing") && said.contains("nowhere.safetensors"),
         "{said}"

@@ -349,12 +349,16 @@ mod tests {
             assert!(dir.path().join(file).is_file(), "{file}");
         }
         let curves = dir.path().join("curves");
-        let of_each: Vec<_> = std::fs::read_dir(&curves).unwrap().map(|it| it.unwrap().path()).collect();
-        assert!(!of_each.is_empty() && of_each.iter().all(|it| it.join(crate::run::curves::NAME).is_file()));
-        let size = |path: &PathBuf| std::fs::metadata(path.join(crate::run::curves::NAME)).unwrap().len();
-        let once: Vec<u64> = of_each.iter().map(size).collect();
+        let all = || -> Vec<Option<Vec<u8>>> {
+            let names = crate::run::names_in(&curves).unwrap();
+            let file = |name: String| curves.join(name).join(crate::run::curves::NAME);
+            names.into_iter().map(|name| crate::run::read_at_most(&file(name), 1 << 20).unwrap()).collect()
+        };
+        let once: Vec<usize> = all().into_iter().map(|bytes| bytes.unwrap().len()).collect();
+        assert!(!once.is_empty());
         folder.collect().unwrap();
-        assert_eq!(of_each.iter().map(size).collect::<Vec<_>>(), once, "collected again, not twice as much");
+        let again: Vec<usize> = all().into_iter().map(|bytes| bytes.unwrap().len()).collect();
+        assert_eq!(again, once, "collected again, not twice as much");
         // Damage is said, with its place.
         write_whole(&dir.path().join("trials/0000.jsonl"), b"{\"trial\": ").unwrap();
         assert!(folder.collect().unwrap_err().to_string().contains("0000.jsonl"));

@@ -194,7 +194,7 @@ fn nothing_to_compare_is_an_error() {
     fs::remove_dir_all(dir.path().join("ds")).unwrap();
     dataset(&dir.path().join("ds"), "dummy-road", &[130, 140]);
     assert!(check(&["--stretches", "0"]).refused().contains("--stretches"), "of none nothing can be said");
-    assert!(check(&[]).succeeded().contains("\"n_stretches\":100"));
+    assert!(check(&["--json"]).succeeded().contains("\"n_stretches\":100"));
     fs::remove_file(episode_file(&dir.path().join("ds"), 1)).unwrap();
     assert!(check(&[]).refused().contains("nothing to compare"), "one episode, which was trained on");
     fs::remove_dir_all(dir.path().join("ds")).unwrap();
