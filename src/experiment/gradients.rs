@@ -303,9 +303,11 @@ mod tests {
         let names: Vec<_> = drawn.iter().map(|figure| figure.name.as_str()).collect();
         assert_eq!(names, ["gradients-1-parameters", "gradients-1-logit"]);
         assert!(drawn[0].svg.contains("better because safe"));
-        rows.retain(|row| row.about == About::Safety);
-        assert!(
-            words(&named("theorem").unwrap(), &rows).contains("not every seed has answers of both kinds")
-        );
+        // A seed that has answers of one kind alone is compared with no other.
+        rows.push(row(7, 0, About::Safety, 9.0));
+        let said = |rows: &[GradientRow]| words(&named("theorem").unwrap(), rows);
+        assert!(said(&rows).contains("| 0.500, 0.250 | 3 of 3 |"));
+        rows.retain(|row| (row.about == About::Safety) == (row.seed == 0));
+        assert!(said(&rows).contains("no seed has answers of both kinds"));
     }
 }
