@@ -14,6 +14,7 @@ use super::chosen_world::{ChosenWorld, chosen_world};
 use super::meter::Meter;
 use super::numbers::count;
 use super::run_file::{MAX_WHOLE, RunFile};
+use super::told::Form;
 
 /// What of a job's memory its user decides, in the help of `--capacity`.
 const MEMORY: &str = "Actions that the replay buffer holds [default: 1000000, as published]. Each takes one picture of memory, \
@@ -73,6 +74,8 @@ pub(crate) struct Options {
     #[arg(long, value_parser = clap::value_parser!(i32).range(1..=1024), default_value_t = 2)]
     threads: i32,
     #[command(flatten)]
+    form: Form,
+    #[command(flatten)]
     pub(crate) run_file: RunFile,
 }
 
@@ -122,8 +125,10 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
     let parameters = parameters?;
     let hint = "it has learned, but nothing is written; with `--resume` nothing is learned anew";
     out.write(parameters.bytes()).context(hint)?;
-    println!("wrote {:?}, {}", options.out, parameters.hash());
-    Ok(())
+    let hash = parameters.hash();
+    options.form.tell(&serde_json::json!({"file": options.out, "hash": hash}), || {
+        format!("wrote {:?}, {hash}", options.out)
+    })
 }
 
 /// What a method reached, from its name and its file of results.

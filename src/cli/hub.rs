@@ -100,7 +100,7 @@ fn network(network: &Network, results: Option<Vec<(String, String)>>, out: &Path
     let building = begin(out)?;
     write_whole(&building.dir().join(MODEL), parameters.bytes())?;
     write_whole(&building.dir().join(CONFIG), &serde_json::to_vec_pretty(config)?)?;
-    let card = card.clone() + &measured(results) + LICENCE;
+    let card = card.clone() + &measured(results) + LICENSE;
     write_whole(&building.dir().join(CARD), card.as_bytes())?;
     building.finish()?;
     Ok(json!({"kind": "model", "folder": out, "model_type": model_type, "hash": parameters.hash()}))
@@ -248,7 +248,7 @@ fn measured(results: Option<Vec<(String, String)>>) -> String {
 }
 
 /// The end of a card.
-const LICENCE: &str = "\n## Licence\n\nNone is stated yet. Whoever passes it on says so at the top, as `license: apache-2.0`.\n";
+const LICENSE: &str = "\n## License\n\nNone is stated yet. Whoever passes it on says so at the top, as `license: apache-2.0`.\n";
 
 /// The figures in a file that a check printed as JSON, of which the last line counts: each by the way to it.
 fn figures(path: &Path) -> anyhow::Result<Vec<(String, String)>> {

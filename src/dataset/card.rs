@@ -217,7 +217,7 @@ LeRobot takes a dataset from the Hub by the tag of its format, which whoever upl
 The frame after the last action of an episode is no step; it stands in the footer of the episode's file, as
 `dropj.last_frame`.
 
-## Licence
+## License
 
 None is stated yet. Whoever passes the recordings on says so at the top, as `license: cc-by-4.0`.
 
