@@ -352,7 +352,7 @@ mod tests {
         let all = || -> Vec<Option<Vec<u8>>> {
             let names = crate::run::names_in(&curves).unwrap();
             let file = |name: String| curves.join(name).join(crate::run::curves::NAME);
-            names.into_iter().map(|name| crate::run::read_at_most(&file(name), 1 << 20).unwrap()).collect()
+            names.into_iter().map(|name| read_at_most(&file(name), 1 << 20).unwrap()).collect()
         };
         let once: Vec<usize> = all().into_iter().map(|bytes| bytes.unwrap().len()).collect();
         assert!(!once.is_empty());
