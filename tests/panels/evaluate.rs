@@ -68,6 +68,8 @@ fn a_folder_of_results_that_is_dropped_opens_with_figures_and_tests() {
     harness.run_steps(3);
     assert_eq!(evaluated(&harness)[1], ("DROPe".to_owned(), false));
     assert!(!says(&harness, "DROP − DROPe") && says(&harness, "DROP − DROPJ"));
+    // Until the message of the first time is gone.
+    wait_for(&mut harness, |harness| !says(harness, "is open"));
     drop_on(&mut harness, Path::new(SHIPPED));
     wait_for(&mut harness, |harness| says(harness, "is open"));
     assert_eq!(names(&harness).len(), 3, "what is opened again takes its place");
