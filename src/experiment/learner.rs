@@ -56,11 +56,12 @@ impl Learner<'_> {
         let usual = self.config.planner.clone();
         let usual = if self.trial.method.is_sparse() { usual.for_transitions() } else { usual };
         let planner = variant.planner(usual, ground.spec);
-        // By its track, as where a session is deployed.
-        let agent = Agent::new(planner.clone(), track);
+        // By its number among the episodes, and not by its track: results that are kept came of these draws.
+        let number = track.wrapping_sub(description.first_track);
+        let agent = Agent::new(planner.clone(), number);
         let reward = learned.map(|learned| &learned.reward);
         let mut planning = reward.map(|reward| PlanningPolicy::new(ground.model, reward, agent));
-        let mut oracle = Oracle::new(planner, track);
+        let mut oracle = Oracle::new(planner, number);
         let policy: &mut dyn Policy = match &mut planning {
             Some(planning) => planning,
             None => &mut oracle,
