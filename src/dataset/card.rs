@@ -47,7 +47,7 @@ pub(super) fn write(dir: &Path, episodes: &[Notes]) -> Result<(), DatasetError> 
     Ok(())
 }
 
-/// Removes what [`write`] wrote.
+/// Removes what [`write()`] wrote.
 pub(super) fn remove(dir: &Path) -> Result<(), DatasetError> {
     let is_ignore: fn(&str) -> bool = |text| text == IGNORE;
     for (name, is_ours) in [(CARD, is_ours as fn(&str) -> bool), (IGNORED, is_ignore)] {
