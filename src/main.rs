@@ -56,6 +56,29 @@ const WHILE_TRAINING: [(&str, &str); 4] = [
 /// The subcommands that train for long.
 #[cfg(unix)]
 const TRAINING: [&str; 5] = ["fit-world", "fit-probe", "fit-drqv2", "simulate", "refit"];
+/// Those that compute nothing with networks, or as good as nothing: to load libtorch twice would take half of their time.
+#[cfg(unix)]
+const LIGHT: [&str; 19] = [
+    "-h",
+    "--help",
+    "-V",
+    "--version",
+    "help",
+    "completions",
+    "man",
+    "trace",
+    "world",
+    "convert",
+    "compare",
+    "labels",
+    "agree",
+    "times",
+    "merge",
+    "hand-on",
+    "repair",
+    "record",
+    "export",
+];
 
 /// Starts the program anew where that is not set yet. What somebody set otherwise is left alone.
 #[cfg(unix)]
@@ -63,7 +86,12 @@ fn set_around_libtorch() {
     use std::os::unix::process::CommandExt as _;
 
     let first = std::env::args_os().nth(1);
-    let trains = first.is_some_and(|first| TRAINING.iter().any(|name| first == **name));
+    let is_one_of =
+        |names: &[&str]| first.as_ref().is_some_and(|first| names.iter().any(|name| first == *name));
+    if is_one_of(&LIGHT) {
+        return;
+    }
+    let trains = is_one_of(&TRAINING);
     let wanted = if trains { WHILE_TRAINING } else { AROUND_LIBTORCH };
     let is_missing = |&((name, value), (_, usual)): &((&str, &str), (&str, &str))| {
         // Cargo sets what is usual.

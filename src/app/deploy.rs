@@ -3,7 +3,7 @@
 use crate::app::clips::Replay;
 use crate::app::{App, Field, Picture};
 use crate::evaluation::EpisodeMetrics;
-use crate::worker::{DeployReport, DriveView, DriverCommand, WorkerCommand};
+use crate::worker::{DeployReport, DriveView, DriverCommand, SessionWriterCommand, WorkerCommand};
 
 /// On the world that the planner acts in.
 #[derive(Clone, Debug, PartialEq)]
@@ -68,6 +68,7 @@ impl App {
             }
             DeployReport::Ended { seed, metrics, actions } => {
                 self.episode_driven(seed, &metrics, actions);
+                self.write(SessionWriterCommand::KeepDriven { seed, metrics: metrics.clone() });
                 let deploy = &mut self.state.deploy;
                 deploy.is_on = false;
                 deploy.episodes.push((seed, metrics));

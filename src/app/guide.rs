@@ -128,6 +128,8 @@ pub(crate) struct Guide {
     pub seen: BTreeSet<Hint>,
     /// Whether a session of a few queries is being made.
     pub is_preparing: bool,
+    /// Where it lies, once it was.
+    pub practice: Option<PathBuf>,
 }
 
 impl State {
@@ -142,8 +144,12 @@ impl State {
 
     /// How much is to be labeled: as long as somebody is being taught, a beginning.
     pub(crate) fn budget(&self) -> Budget {
-        let is_beginning = self.guide.is_teaching && !self.guide.seen.contains(&Hint::GoOn);
-        if is_beginning { Budget::Queries(N_PRACTICED as u32) } else { self.label.budget }
+        let (_, n_answered, _) = so_far(self);
+        let is_beginning =
+            self.guide.is_teaching && !self.guide.seen.contains(&Hint::Learned) && n_answered <= N_PRACTICED;
+        let is_practice = self.guide.practice.is_some()
+            && self.open.as_ref().map(|open| &open.dir) == self.guide.practice.as_ref();
+        if is_beginning || is_practice { Budget::Queries(N_PRACTICED as u32) } else { self.label.budget }
     }
 
     /// Whether an example is shipped that can be asked about.
@@ -202,7 +208,10 @@ impl App {
     pub(super) fn practice_made(&mut self, made: Result<PathBuf, WorkerError>) {
         self.state.guide.is_preparing = false;
         match made {
-            Ok(dir) => self.session_command(crate::app::SessionCommand::Open(dir)),
+            Ok(dir) => {
+                self.state.guide.practice = Some(dir.clone());
+                self.session_command(crate::app::SessionCommand::Open(dir));
+            }
             Err(error) => self.fail(error.to_string()),
         }
     }

@@ -165,6 +165,7 @@ impl App {
             FirstWorld::Here(Ok(world)) => {
                 app.send(WorkerCommand::UseWorldModel(world.parameters.clone()));
                 app.use_world_model(*world);
+                app.seek_latest_session();
             }
             FirstWorld::Here(Err(sentence)) => {
                 app.state.panel = Panel::World;

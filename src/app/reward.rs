@@ -81,8 +81,11 @@ fn push_thinned(curve: &mut Vec<[f64; 2]>, point: [f64; 2]) {
     }
 }
 
-/// Appends a point, or moves the last one where nothing was answered since.
+/// Appends a point, or moves the last one where nothing was answered since. Points of answers that were taken back go.
 fn push_by_label(curve: &mut Vec<[f64; 2]>, point: [f64; 2]) {
+    while curve.last().is_some_and(|last| last[0] > point[0]) {
+        curve.pop();
+    }
     match curve.last_mut() {
         Some(last) if last[0] == point[0] => *last = point,
         _ => push_thinned(curve, point),
@@ -184,6 +187,15 @@ pub(crate) fn with_justification(weights: &Weights, idx: usize, weight: f32) -> 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn points_of_answers_that_were_taken_back_go() {
+        let mut curve = Vec::new();
+        for point in [[10.0, 0.6], [20.0, 0.5], [30.0, 0.4], [20.0, 0.55], [25.0, 0.5]] {
+            push_by_label(&mut curve, point);
+        }
+        assert_eq!(curve, [[10.0, 0.6], [20.0, 0.55], [25.0, 0.5]]);
+    }
 
     #[test]
     fn a_weight_is_moved_alone() {

@@ -174,6 +174,7 @@ impl App {
         if !is_first {
             self.done(format!("{name} is loaded"));
         }
+        self.seek_latest_session();
     }
 
     /// Dreams with this world model from now on.

@@ -70,20 +70,35 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
     tch::set_num_threads(1);
     let output = OutputFile::at(&options.out, Kind::Clip)?;
     let model = models::of_session(&options.session, options.world.as_deref())?;
-    let (clip, said) = match (options.deploy, options.beside) {
-        (Some(seed), _) => (real(options, &model, seed, None)?, None),
+    let (clip, told) = match (options.deploy, options.beside) {
+        (Some(seed), _) => real(options, &model, seed, None)?,
         (_, Some(seed)) => {
             let reset = (options.look_every > 0).then_some(options.look_every);
-            (real(options, &model, seed, Some(Compared { reset }))?, None)
+            real(options, &model, seed, Some(Compared { reset }))?
         }
         (None, None) => dreamed(options, &model)?,
     };
     let clip = Clip { scale: options.scale.unwrap_or(clip.scale), ..clip };
     output.write(&clip.gif()?)?;
-    options.form.tell(&serde_json::json!({"file": options.out, "answer": said}), || {
-        let said = said.as_ref().map_or_else(String::new, |said| format!("{said}\n"));
-        format!("{said}wrote {:?}", options.out)
+    let json = serde_json::json!({
+        "file": options.out, "answer": told.answer, "steps": told.steps, "return": told.ret,
+    });
+    options.form.tell(&json, || {
+        let answer = told.answer.iter().cloned();
+        let driven = told.steps.zip(told.ret).map(|(n, ret)| format!("{n} steps, a return of {ret:.0}"));
+        answer.chain(driven).chain([format!("wrote {:?}", options.out)]).collect::<Vec<_>>().join("\n")
     })
+}
+
+/// What is said beside a clip.
+#[derive(Debug, Default)]
+struct Told {
+    /// Of a query, what was answered.
+    answer: Option<String>,
+    /// Of an episode in the real world, how many steps were driven.
+    steps: Option<usize>,
+    /// And what they returned.
+    ret: Option<f32>,
 }
 
 /// An episode in the real world.
@@ -92,14 +107,15 @@ fn real(
     model: &WorldModel,
     seed: u64,
     compared: Option<Compared>,
-) -> anyhow::Result<Clip> {
+) -> anyhow::Result<(Clip, Told)> {
     let steps = options.from..options.from + options.steps.unwrap_or(300);
-    let frames = drive(&options.session, model, (seed, options.aids.is_on()), compared, steps, EVERY_REAL)?;
-    Ok(Clip::at_pace(frames, model.spec().rate, EVERY_REAL))
+    let driven = drive(&options.session, model, (seed, options.aids.is_on()), compared, steps, EVERY_REAL)?;
+    let told = Told { steps: Some(driven.n_steps), ret: Some(driven.ret), ..Told::default() };
+    Ok((Clip::at_pace(driven.frames, model.spec().rate, EVERY_REAL), told))
 }
 
 /// A query, with its answer in words, or a dream.
-fn dreamed(options: &Options, model: &WorldModel) -> anyhow::Result<(Clip, Option<String>)> {
+fn dreamed(options: &Options, model: &WorldModel) -> anyhow::Result<(Clip, Told)> {
     let (session, dreams) = SessionStore::read_dreams(&options.session, model.identity())?;
     let dream = |id: DreamId| {
         let found = dreams.iter().find(|(known, _)| *known == id).map(|(_, dream)| dream);
@@ -109,13 +125,14 @@ fn dreamed(options: &Options, model: &WorldModel) -> anyhow::Result<(Clip, Optio
     let rate = model.spec().rate;
     if let Some(number) = options.query {
         let (frames, said) = query(number, model, &session, dream)?;
-        return Ok((Clip::half_as_fast(frames, rate, 1), Some(said)));
+        let told = Told { answer: Some(said), ..Told::default() };
+        return Ok((Clip::half_as_fast(frames, rate, 1), told));
     }
     let dream = dream(DreamId(options.dream.unwrap_or(0)))?;
     anyhow::ensure!(options.from < dream.len(), "that dream has {} steps", dream.len());
     let range = options.from..(options.from + options.steps.unwrap_or(500)).min(dream.len());
     let frames: Vec<Frame> = dream.frames(model, range).into_iter().step_by(EVERY).collect();
-    Ok((Clip::at_pace(frames, rate, EVERY), None))
+    Ok((Clip::at_pace(frames, rate, EVERY), Told::default()))
 }
 
 /// A query, framed after its answer, and that answer in words.

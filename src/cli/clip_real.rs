@@ -15,6 +15,7 @@ use dropj::world::{Action, Frame};
 use dropj::world_model::{Next, State, WorldModel, actions_tensor};
 
 use super::chosen_world::ChosenWorld;
+use super::meter::Meter;
 use super::models;
 
 /// A dream beside the real world.
@@ -22,6 +23,17 @@ use super::models;
 pub(crate) struct Compared {
     /// After how many steps it looks at the real world and begins anew, if ever.
     pub(crate) reset: Option<usize>,
+}
+
+/// What was driven for a clip.
+#[derive(Debug)]
+pub(crate) struct Driven {
+    /// What is shown of it.
+    pub(crate) frames: Vec<Frame>,
+    /// How many steps were driven.
+    pub(crate) n_steps: usize,
+    /// The true return of those, which the agent did not see.
+    pub(crate) ret: f32,
 }
 
 /// Lets the planner act by the reward of the session in `dir`, and shows `every` so many of these `steps`: beside its futures, or
@@ -33,7 +45,7 @@ pub(crate) fn drive(
     compared: Option<Compared>,
     steps: Range<usize>,
     every: usize,
-) -> anyhow::Result<Vec<Frame>> {
+) -> anyhow::Result<Driven> {
     let env = ChosenWorld::of_session(&Header::read(dir)?, Some(model))?;
     models::require(model, &env)?;
     let (_, kept) = SessionStore::read_reward(dir)?;
@@ -45,8 +57,9 @@ pub(crate) fn drive(
     let mut world = env.open(aids)?;
     let mut dream = compared.map(|compared| Dreamt { compared, model, last: None });
     let (mut considered, mut frames) = (Considered::default(), Vec::new());
-    let mut met = None;
+    let (mut met, mut meter) = (None, Meter::new());
     let metrics = evaluate_episode(&mut *world, seed, &mut policy, |_, watched| {
+        meter.at("steps", watched.t, steps.end, String::new);
         let is_shown = steps.contains(&watched.t) && (watched.t - steps.start).is_multiple_of(every);
         if let Some(plan) = watched.plan.filter(|_| dream.is_none()) {
             considered = Considered::of(plan, model);
@@ -71,8 +84,7 @@ pub(crate) fn drive(
         return Err(met.into());
     }
     anyhow::ensure!(!frames.is_empty(), "that episode has {} steps", metrics.n_steps);
-    println!("{} steps, a return of {:.0}", metrics.n_steps, metrics.ret);
-    Ok(frames)
+    Ok(Driven { frames, n_steps: metrics.n_steps, ret: metrics.ret })
 }
 
 /// What the planner chose from.

@@ -9,6 +9,29 @@ const INTERVAL: Duration = Duration::from_secs(10);
 /// Nothing is known of a longer time that is left.
 const LONGEST: Duration = Duration::from_hours(24 * 365);
 
+/// How fast a job is, over all of its time: trials of minutes tell nothing of how fast it is right now.
+#[derive(Clone, Copy, Debug)]
+struct Pace {
+    /// What had been done before it began, by a run that was stopped.
+    before: usize,
+    elapsed: Duration,
+}
+
+impl Pace {
+    /// In a second; 0 where nothing is done yet.
+    fn rate(self, done: usize) -> f64 {
+        let secs = self.elapsed.as_secs_f64();
+        if secs > 0.0 { done.saturating_sub(self.before) as f64 / secs } else { 0.0 }
+    }
+
+    /// The time that is left of `n`, where it can be told.
+    fn left(self, done: usize, n: usize) -> Option<Duration> {
+        let rate = self.rate(done);
+        let secs = n.saturating_sub(done) as f64 / rate;
+        (rate > 0.0 && secs < LONGEST.as_secs_f64()).then(|| Duration::from_secs_f64(secs))
+    }
+}
+
 /// What a person sees of a job: what is being done, how much of how much, how fast, and the time that is left.
 ///
 /// Nothing of it is on standard output. What a job says beside it goes through [`Meter::line`] and [`Meter::print`], so
@@ -17,13 +40,16 @@ const LONGEST: Duration = Duration::from_hours(24 * 365);
 pub(crate) struct Meter {
     bar: ProgressBar,
     what: &'static str,
+    /// What was done of it when it began, and when that was.
+    began: (usize, Instant),
     said: Instant,
 }
 
 impl Meter {
     /// Of nothing yet.
     pub(crate) fn new() -> Self {
-        Self { bar: ProgressBar::new(0), what: "", said: Instant::now() }
+        let now = Instant::now();
+        Self { bar: ProgressBar::new(0), what: "", began: (0, now), said: now }
     }
 
     /// That `done` of `n` of `what` are done; what else there is to say, `more`, is asked for where it is shown.
@@ -31,15 +57,16 @@ impl Meter {
         if self.what != what {
             self.what = what;
             self.bar.finish_and_clear();
-            self.bar = ProgressBar::new(n as u64).with_style(style()).with_prefix(what);
+            self.began = (done, Instant::now());
+            self.bar = ProgressBar::new(n as u64).with_style(style(done)).with_prefix(what);
         }
         self.bar.set_length(n as u64);
         self.bar.set_position(done as u64);
         if self.bar.is_hidden() {
             if self.said.elapsed() >= INTERVAL {
                 self.said = Instant::now();
-                let (rate, left) = (self.bar.per_sec(), self.bar.eta());
-                eprintln!("{}", line(what, [done, n], rate, left, &more()));
+                let pace = Pace { before: self.began.0, elapsed: self.began.1.elapsed() };
+                eprintln!("{}", line(what, [done, n], pace, &more()));
             }
         } else {
             self.bar.set_message(more());
@@ -69,22 +96,33 @@ impl Drop for Meter {
     }
 }
 
-fn style() -> ProgressStyle {
-    let rate = |state: &ProgressState, text: &mut dyn std::fmt::Write| {
-        write!(text, "{}", per_second(state.per_sec())).ok();
+fn style(before: usize) -> ProgressStyle {
+    let pace = move |state: &ProgressState| Pace { before, elapsed: state.elapsed() };
+    let rate = move |state: &ProgressState, text: &mut dyn std::fmt::Write| {
+        write!(text, "{}", per_second(pace(state).rate(state.pos() as usize))).ok();
     };
-    let template = "{prefix} [{bar:24}] {pos} of {len}, {rate}, {eta} left {wide_msg}";
+    let left = move |state: &ProgressState, text: &mut dyn std::fmt::Write| {
+        let left = pace(state).left(state.pos() as usize, state.len().unwrap_or(0) as usize);
+        write!(text, "{}", left.map_or("?".to_owned(), |left| HumanDuration(left).to_string())).ok();
+    };
+    let template = "{prefix} [{bar:24}] {pos} of {len}, {rate}, {left} left {wide_msg}";
     let style = ProgressStyle::with_template(template).unwrap_or_else(|e| unreachable!("it is ours: {e}"));
-    style.with_key("rate", rate).progress_chars("=> ")
+    style.with_key("rate", rate).with_key("left", left).progress_chars("=> ")
 }
 
 /// The same as one line of text.
-fn line(what: &str, [done, n]: [usize; 2], rate: f64, left: Duration, more: &str) -> String {
+fn line(what: &str, [done, n]: [usize; 2], pace: Pace, more: &str) -> String {
     let more = if more.is_empty() { String::new() } else { format!("; {more}") };
-    if done == 0 || left > LONGEST {
-        return format!("{what}: {done} of {n}{more}");
+    match pace.left(done, n) {
+        None => format!("{what}: {done} of {n}{more}"),
+        Some(left) => {
+            format!(
+                "{what}: {done} of {n}, {}, {} left{more}",
+                per_second(pace.rate(done)),
+                HumanDuration(left)
+            )
+        }
     }
-    format!("{what}: {done} of {n}, {}, {} left{more}", per_second(rate), HumanDuration(left))
 }
 
 /// A rate to as many digits as tell something: of what takes long, how many in an hour.
@@ -102,12 +140,18 @@ mod tests {
 
     #[test]
     fn a_line_tells_what_how_much_how_fast_and_how_long() {
-        let told = line("playing", [1500, 4000], 250.0, Duration::from_secs(10), "");
+        let pace = |before, secs| Pace { before, elapsed: Duration::from_secs(secs) };
+        let told = line("playing", [1500, 4000], pace(0, 6), "");
         assert_eq!(told, "playing: 1500 of 4000, 250/s, 10 seconds left");
-        let told = line("trials", [0, 5], 0.0, Duration::ZERO, "");
+        let told = line("trials", [0, 5], pace(0, 3), "");
         assert_eq!(told, "trials: 0 of 5", "where nothing is known");
-        let told = line("learning", [1, 60], 0.5, Duration::from_mins(2), "loss 0.1234");
-        assert_eq!(told, "learning: 1 of 60, 0.50/s, 2 minutes left; loss 0.1234");
+        let told = line("learning", [1, 61], pace(0, 2), "loss 0.1234");
+        assert_eq!(told, "learning: 1 of 61, 0.50/s, 2 minutes left; loss 0.1234");
+        let told = line("trials", [7, 9], pace(5, 1200), "");
+        assert_eq!(
+            told, "trials: 7 of 9, 6.0/h, 20 minutes left",
+            "what an earlier run did took no time of this one"
+        );
     }
 
     #[test]

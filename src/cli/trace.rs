@@ -9,6 +9,7 @@ use dropj::world::cars::trace::{COLUMNS, Row, Traced, trace};
 use dropj::world::cars::{Aids, CarRacing, ObstacleCarRacing, Obstacles, Seed};
 
 use super::choices::Switch;
+use super::meter::Meter;
 use super::picture::png;
 use super::told::Form;
 
@@ -54,14 +55,16 @@ pub(crate) fn run(options: &Options) -> anyhow::Result<()> {
     let names = (0..=actions.len()).map(|step| format!("step{step:04}.png"));
     let pictures = options.frames.as_deref().map(|dir| OutputFile::all_in(dir, names, Kind::Picture));
     let mut pictures = pictures.transpose()?.unwrap_or_default().into_iter();
-    let mut failed = None;
-    let rows = trace(&mut *env, seed, &actions, |_, env| {
+    let (mut failed, mut meter) = (None, Meter::new());
+    let rows = trace(&mut *env, seed, &actions, |step, env| {
+        meter.at("steps", step, actions.len(), String::new);
         if let Some(picture) = pictures.next()
             && let Err(error) = save(picture, &env.raw_image())
         {
             failed.get_or_insert(error);
         }
     });
+    drop(meter);
     let values: Vec<_> = rows.iter().map(Row::values).collect();
     options.form.tell(&serde_json::json!({"columns": COLUMNS, "rows": values}), || {
         rows.iter().map(|row| row.to_csv() + "\n").collect()

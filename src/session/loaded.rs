@@ -19,12 +19,20 @@ pub struct LoadedSession {
     pub reward: Result<Option<Parameters>, SessionError>,
     /// Dreams whose program ended before they did.
     pub unfinished: Result<Vec<UnfinishedDream>, SessionError>,
+    /// Lines on the episodes that its reward drove, as `dropj deploy --json` prints them.
+    pub driven: Result<Vec<u8>, SessionError>,
 }
 
 impl LoadedSession {
     /// A session that has just been made: there is nothing to read yet.
     pub fn new(store: SessionStore) -> Self {
-        Self { store, dreams: Vec::new(), reward: Ok(None), unfinished: Ok(Vec::new()) }
+        Self {
+            store,
+            dreams: Vec::new(),
+            reward: Ok(None),
+            unfinished: Ok(Vec::new()),
+            driven: Ok(Vec::new()),
+        }
     }
 
     /// Holds the session and its dreams against the world model that it is to go on with.
@@ -55,7 +63,7 @@ impl LoadedSession {
             }
             dreams.push((*id, store.dream(*id)));
         }
-        let (reward, unfinished) = (store.reward(), store.unfinished_dreams());
-        Some(Self { store, dreams, reward, unfinished })
+        let (reward, unfinished, driven) = (store.reward(), store.unfinished_dreams(), store.driven());
+        Some(Self { store, dreams, reward, unfinished, driven })
     }
 }

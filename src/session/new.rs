@@ -6,7 +6,7 @@ use crate::run::{Building, RunError};
 use crate::session::clip_hash;
 use crate::session::error::SessionError;
 use crate::session::header::{self, Header};
-use crate::session::store::{DREAMS, LOG_FILE, REWARDS, SessionStore};
+use crate::session::store::{DREAMS, DRIVEN_FILE, LOG_FILE, REWARDS, SessionStore};
 use crate::session::worlds::WORLD_MODEL_FILE;
 
 /// The place of a session that is being made, where nobody finds half of it under its name.
@@ -47,7 +47,7 @@ impl NewSession {
 fn is_of_a_session(way: &Path) -> bool {
     let Some(name) = way.file_name().and_then(|name| name.to_str()) else { return false };
     match way.parent().and_then(Path::to_str) {
-        Some("") => [LOG_FILE, WORLD_MODEL_FILE, header::FILE, clip_hash::FILE].contains(&name),
+        Some("") => [LOG_FILE, WORLD_MODEL_FILE, header::FILE, clip_hash::FILE, DRIVEN_FILE].contains(&name),
         Some(DREAMS | REWARDS) => name.ends_with(".safetensors") || name.starts_with("journal-"),
         _ => false,
     }

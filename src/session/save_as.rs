@@ -11,7 +11,7 @@ use crate::session::event::Event;
 use crate::session::header::Header;
 use crate::session::merge::relative;
 use crate::session::new::NewSession;
-use crate::session::store::{SessionStore, read_hashed, tidied};
+use crate::session::store::{DRIVEN_FILE, SessionStore, read_hashed, tidied};
 use crate::session::worlds::{self, WORLD_MODEL_FILE};
 use crate::tensor::{Parameters, sha256};
 
@@ -71,7 +71,7 @@ impl SessionStore {
         copy.take_over(entries, &left_out)?;
         copy.unsaved.clone_from(&self.unsaved);
         let written = copy.try_again()?;
-        for file in [WORLD_MODEL_FILE, clip_hash::FILE] {
+        for file in [WORLD_MODEL_FILE, clip_hash::FILE, DRIVEN_FILE] {
             if let Some(bytes) = self.places().find_map(|dir| std::fs::read(dir.join(file)).ok()) {
                 write_whole(&copy.dir().join(file), &bytes, "copy a file of the session")?;
             }

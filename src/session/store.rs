@@ -22,6 +22,9 @@ use crate::world_model::{ModelIdentity, WorldModel};
 
 pub(super) const LOG_FILE: &str = "events.jsonl";
 pub(super) const DREAMS: &str = "dreams";
+/// What its reward drove in the window, an episode a line, as `dropj deploy --json` prints them. No part of the log: what is learned
+/// does not hang on it.
+pub(super) const DRIVEN_FILE: &str = "driven.jsonl";
 pub(super) const REWARDS: &str = "reward";
 
 /// A session that is open, with everything that happens in it going to disk.
@@ -82,6 +85,28 @@ impl SessionStore {
             folder: File::open(dir).ok(),
             model: None,
         })
+    }
+
+    /// Adds a line on an episode that was driven by its reward.
+    pub fn append_driven(&self, line: &str) -> Result<(), SessionError> {
+        use std::io::Write as _;
+
+        let path = self.dir.join(DRIVEN_FILE);
+        let append = || {
+            let mut file = File::options().create(true).append(true).open(&path)?;
+            file.write_all(format!("{line}\n").as_bytes())?;
+            file.sync_data()
+        };
+        append().map_err(SessionError::disk("keep what was driven", &path))
+    }
+
+    /// Those lines; nothing where there are none.
+    pub(super) fn driven(&self) -> Result<Vec<u8>, SessionError> {
+        let path = self.dir.join(DRIVEN_FILE);
+        match std::fs::read(&path) {
+            Err(met) if met.kind() == std::io::ErrorKind::NotFound => Ok(Vec::new()),
+            read => read.map_err(SessionError::disk("read what was driven", &path)),
+        }
     }
 
     /// A folder called `name` in `folder`, or the like where there is one already.

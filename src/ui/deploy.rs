@@ -16,7 +16,7 @@ use crate::ui::tokens::{self, GAP};
 use crate::ui::widgets::clip::{Rim, clip_button_ui, paint_picture, picture_ui};
 use crate::ui::widgets::field::inline_field_ui;
 use crate::ui::widgets::gauge::{capitalized, row_ui, status_ui};
-use crate::ui::widgets::keycap::{KeyButton, Tone};
+use crate::ui::widgets::keycap::{KeyButton, Tone, key_name};
 use crate::ui::widgets::layout::{dream_shape, fitting, heading, scene_shape, titled_card};
 
 /// The height of what is promised, under a picture.
@@ -73,15 +73,29 @@ fn scene_ui(ui: &mut Ui, state: &View<'_>, commands: &mut Commands) {
     ui.add_space(4.0);
     controls_ui(ui, state, commands);
     ui.add_space(8.0);
-    titled_card(ui, "This episode", |ui| match &deploy.view {
-        Some(view) => {
+    // What was seen last is some steps before the end.
+    let ended = deploy.episodes.last().filter(|_| !deploy.is_on);
+    let title =
+        ended.map_or("This episode".to_owned(), |(seed, _)| format!("Ended: the episode of seed {seed}"));
+    titled_card(ui, &title, |ui| match (ended, &deploy.view) {
+        (Some((_, metrics)), _) => {
+            for (name, value) in figures(metrics) {
+                row_ui(ui, &name, value);
+            }
+            let next = format!(
+                "{} drives the next one. Evaluate (Ctrl+7) compares them.",
+                key_name(state.settings.keys.of(KeyAction::Begin))
+            );
+            ui.label(tokens::small(ui, next));
+        }
+        (None, Some(view)) => {
             for (name, value) in figures(&view.metrics) {
                 row_ui(ui, &name, value);
             }
             row_ui(ui, "Latest plan", format!("{:.0} ms", view.plan_ms));
             status_ui(ui, view.status.as_ref());
         }
-        None => drop(ui.label(tokens::muted(ui, "Not begun."))),
+        (None, None) => drop(ui.label(tokens::muted(ui, "Not begun."))),
     });
 }
 

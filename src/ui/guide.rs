@@ -4,11 +4,12 @@ use eframe::egui::{
     Align, Key, Label, Layout, Rect, RichText, Role, Sense, Ui, UiBuilder, Vec2, WidgetInfo, pos2, vec2,
 };
 
-use crate::app::{Command, Field, GuideCommand, Hint, Panel, Picture, WindowCommand};
+use crate::app::{Command, Field, GuideCommand, Hint, Panel, Picture, SessionCommand, WindowCommand};
 use crate::session::N_PRACTICED;
 use crate::ui::View;
 use crate::ui::command::Commands;
 use crate::ui::input;
+use crate::ui::rail::short_name;
 use crate::ui::settings::keymap::{KeyAction, known_key};
 use crate::ui::tokens::{self, GAP, Tokens};
 use crate::ui::widgets::clip::{Rim, paint_picture};
@@ -56,6 +57,7 @@ pub(super) fn welcome_ui(ui: &mut Ui, state: &View<'_>, commands: &mut Commands)
         });
     }
     ui.add_space(GAP);
+    go_on_ui(ui, state, Some(Key::Num4), commands);
     ui.horizontal_wrapped(|ui| {
         let close = KeyButton::new("Look around first").key(Key::Escape).tone(Tone::Quiet);
         if close.is_pressed(ui) {
@@ -67,6 +69,23 @@ pub(super) fn welcome_ui(ui: &mut Ui, state: &View<'_>, commands: &mut Commands)
     if input::pressed(ui, state.settings.keys.of(KeyAction::Begin)) && offers[0].is_enabled {
         commands.push(Command::Guide(GuideCommand::Dream));
     }
+}
+
+/// The latest session, as long as none is open.
+pub(super) fn go_on_ui(ui: &mut Ui, state: &View<'_>, key: Option<Key>, commands: &mut Commands) {
+    let Some(latest) = state.list.latest.as_ref().filter(|_| state.open.is_none()) else { return };
+    let name = format!("Go on with {}", short_name(&latest.name));
+    ui.horizontal_wrapped(|ui| {
+        let button = KeyButton::new(&name).key(key).enabled(state.opening.is_none() && !state.dream.is_on);
+        if button.is_pressed(ui) {
+            commands.push(Command::Guide(GuideCommand::Offer(false)));
+            commands.push(Command::Session(SessionCommand::Open(latest.dir.clone())));
+        }
+        if let Ok(about) = &latest.about {
+            ui.label(tokens::small(ui, about.as_str()));
+        }
+    });
+    ui.add_space(4.0);
 }
 
 fn offers<'a>(state: &'a View<'_>) -> [Offer<'a>; 3] {
@@ -264,7 +283,7 @@ fn text_of(hint: Hint, state: &View<'_>) -> String {
             key(KeyAction::Undo)
         ),
         Hint::GoOn => format!(
-            "{n_answered} of {N_PRACTICED} answers to begin with. {} skips what cannot be told or looks broken, {} takes an answer back.",
+            "After {N_PRACTICED} answers there is something to see. {} skips what cannot be told or looks broken, {} takes an answer back.",
             key(KeyAction::Skip),
             key(KeyAction::Undo)
         ),
@@ -295,8 +314,8 @@ fn answer_of(state: &View<'_>, key: &dyn Fn(KeyAction) -> String) -> String {
     let [left, equal, right] = [KeyAction::PreferLeft, KeyAction::Equal, KeyAction::PreferRight].map(key);
     match state.protocol() {
         Protocol::Dropj => format!(
-            "Watch both clips, then press one key. Both stay safe: {left}, {right} or {equal} for the better one, or neither. One leaves \
-             the safe way: {} if only the left stays safe, {} if only the right, {} if neither.",
+            "Watch both clips, then press one key. Both stay safe: {left} or {right} for the better one, {equal} if they are equally good. \
+             Something unsafe happens: {} if only the left stays safe, {} if only the right, {} if neither does.",
             key(KeyAction::OnlyLeft),
             key(KeyAction::OnlyRight),
             key(KeyAction::Neither)

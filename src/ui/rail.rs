@@ -74,7 +74,10 @@ fn step(state: &View<'_>, panel: Panel) -> (Progress, String) {
             Some(world) => (Progress::Done, world.name.clone()),
             None => (Progress::Ready, "none loaded".to_owned()),
         },
-        Panel::Dream if state.dream.is_on => (Progress::Running, "dreaming".to_owned()),
+        Panel::Dream if state.dream.is_on => {
+            let is_paused = state.dream.live.as_ref().is_some_and(|live| live.is_paused);
+            (Progress::Running, if is_paused { "paused" } else { "dreaming" }.to_owned())
+        }
         Panel::Dream if state.world.loaded.is_none() && state.world.loading.is_none() => {
             waiting("needs a world model")
         }
@@ -131,8 +134,11 @@ fn is_making(state: &View<'_>) -> bool {
 }
 
 fn learned(state: &View<'_>) -> String {
+    let n_labels = state.session().map_or(0, |session| session.labeled().len());
     match state.reward.n_learned {
         0 => "learning".to_owned(),
+        // Some were taken back, and the next report is without them.
+        n if n > n_labels => format!("forgetting {}", counted(n - n_labels, "answer")),
         n => format!("knows {}", counted(n, "answer")),
     }
 }
@@ -240,7 +246,7 @@ fn session_ui(ui: &mut Ui, state: &View<'_>, commands: &mut Commands) {
 }
 
 /// `2026-11-22 10:15` of `2026-11-22T10-15-00-dropj`; any other name as it is.
-fn short_name(folder: &str) -> String {
+pub(super) fn short_name(folder: &str) -> String {
     let is_ours = folder.len() > 19 && folder.is_char_boundary(19) && folder.as_bytes()[10] == b'T';
     if is_ours {
         format!("{} {}", &folder[..10], folder[11..16].replace('-', ":"))

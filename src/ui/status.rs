@@ -7,7 +7,7 @@ use eframe::egui::{
 
 use crate::app::SaveAs;
 use crate::app::counted;
-use crate::app::{Command, Field, MessageKind, SessionCommand, WindowCommand};
+use crate::app::{Command, Field, MessageKind, Panel, SessionCommand, WindowCommand};
 use crate::text::shown;
 use crate::ui::View;
 use crate::ui::command::Commands;
@@ -139,13 +139,15 @@ pub(super) fn messages_ui(ui: &mut Ui, state: &View<'_>, commands: &mut Commands
         return;
     }
     let tokens = Tokens::of(ui);
-    // What can be done about a hint stays in reach.
+    // What can be done about a hint stays in reach, and so do the answers, which are at the foot of their panel.
     let hint = if state.hint().is_some() { HINT } else { 0.0 };
-    Area::new(Id::unique("toasts"))
-        .order(Order::Foreground)
-        .anchor(Align2::RIGHT_BOTTOM, vec2(-20.0, -46.0 - hint))
-        .interactable(true)
-        .show(ui.ctx(), |ui| {
+    let (corner, offset) = match state.panel {
+        Panel::Label => (Align2::RIGHT_TOP, vec2(-20.0, 8.0)),
+        _ => (Align2::RIGHT_BOTTOM, vec2(-20.0, -46.0 - hint)),
+    };
+    Area::new(Id::unique("toasts")).order(Order::Foreground).anchor(corner, offset).interactable(true).show(
+        ui.ctx(),
+        |ui| {
             for toast in &state.messages {
                 let color = match toast.kind {
                     MessageKind::Note => tokens.accent,
@@ -181,5 +183,6 @@ pub(super) fn messages_ui(ui: &mut Ui, state: &View<'_>, commands: &mut Commands
                     });
                 });
             }
-        });
+        },
+    );
 }

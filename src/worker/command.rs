@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use crate::dream::{DreamEpisode, Rows};
+use crate::evaluation::EpisodeMetrics;
 use crate::experiment::side_by_side::{Part, SideBySide};
 use crate::planner::synthesis::Acquisition;
 use crate::query::{DreamId, JudgedTransition, Label, Query, QueryId, Response, SegmentRef};
@@ -329,6 +330,13 @@ pub enum SessionWriterCommand {
         /// How they were fitted.
         fit: Fit,
     },
+    /// Keeps what the reward drove.
+    KeepDriven {
+        /// The seed of the episode.
+        seed: u64,
+        /// What came of it.
+        metrics: EpisodeMetrics,
+    },
     /// Opens a journal for a dream that begins, or that goes on without one.
     OpenJournal {
         /// As far as it was driven.
@@ -409,6 +417,15 @@ pub enum JobCommand {
     },
     /// Lists them no longer.
     StopListing,
+    /// Finds the latest of them that can be gone on with.
+    FindLatestSession {
+        /// The folder of sessions.
+        sessions: PathBuf,
+        /// The world model that is loaded, if one is.
+        model: Option<ModelIdentity>,
+        /// The name of a folder that is none of somebody's own: the example that is shipped.
+        except: Option<&'static str>,
+    },
     /// Lists sessions that could be merged.
     ListMergeable {
         /// The folder of sessions.

@@ -58,6 +58,9 @@ fn do_while(
             list_sessions(&sessions, model.as_ref(), is_wanted, report)
         }
         JobCommand::GiveUpOpening | JobCommand::StopListing => Ok(None),
+        JobCommand::FindLatestSession { sessions, model, except } => {
+            Ok(Some(JobReport::LatestSession(latest_session(&sessions, model.as_ref(), except))))
+        }
         JobCommand::ListMergeable { sessions, added, hash, model } => {
             list_mergeable(&sessions, &added, &hash, model.as_ref())
         }
@@ -116,6 +119,7 @@ impl Kind {
             JobCommand::OpenResults(_) => Self::Results,
             JobCommand::SaveResults { .. } => Self::Save,
             JobCommand::ListMergeable { .. }
+            | JobCommand::FindLatestSession { .. }
             | JobCommand::Merge { .. }
             | JobCommand::HandOver { .. }
             | JobCommand::CompareAnnotators { .. }
@@ -273,6 +277,20 @@ fn list_sessions(
         }
     }
     Ok(Some(JobReport::Sessions { found, is_listing: false }))
+}
+
+/// The latest session of the model that can be opened, but not the one in a folder called `except`. Where they cannot be listed
+/// there is none: nobody has asked for it.
+fn latest_session(
+    sessions: &Path,
+    model: Option<&ModelIdentity>,
+    except: Option<&str>,
+) -> Option<SessionItem> {
+    let is_ours = |named: &str| model.is_none_or(|model| model.is(named));
+    let all = latest(sessions).inspect_err(|met| log::warn!("no session to go on with: {met}")).ok()?;
+    let own =
+        all.filter(|recent| except.is_none_or(|except| recent.dir.file_name() != Some(except.as_ref())));
+    own.map(|recent| listed(recent, is_ours)).find(|item| item.about.is_ok())
 }
 
 /// A session to go on with, if it is of the world model of which `is_ours` tells the names.

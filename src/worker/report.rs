@@ -298,6 +298,8 @@ pub enum SessionReport {
     },
     /// A dream that a killed program left behind could not be kept or thrown away.
     NotRecovered(SessionError),
+    /// What the reward drove could not be kept.
+    DrivenNotKept(SessionError),
     /// What could not be written down before is on disk now, and the session as it is with that.
     Written {
         /// What was written.
@@ -365,6 +367,8 @@ pub enum JobReport {
     },
     /// They could not be listed.
     NotListed(WorkerError),
+    /// The latest one that can be gone on with, where there is one.
+    LatestSession(Option<SessionItem>),
     /// The sessions that could be merged, where so many folders had been named beside those that are found.
     Mergeable(Vec<SessionItem>, usize),
     /// Those were compared who answered about the dreams of the session in this folder.

@@ -101,6 +101,12 @@ impl SessionWriter {
                 report(self.save_dream(episode, source, acquisition, journal));
             }
             SessionWriterCommand::SaveReward { parameters, fit } => report(self.save_reward(parameters, fit)),
+            SessionWriterCommand::KeepDriven { seed, metrics } => {
+                let line = serde_json::json!({"track": seed, "metrics": metrics}).to_string();
+                if let Some(Err(met)) = self.store.as_ref().map(|store| store.append_driven(&line)) {
+                    report(SessionReport::DrivenNotKept(met));
+                }
+            }
             SessionWriterCommand::OpenJournal { episode, is_new } => {
                 let store = self.store.as_ref().ok_or(SessionError::NotOpen);
                 let journal = store.and_then(|store| store.journal(&episode, DreamSource::User));

@@ -150,6 +150,36 @@ fn driven(backstage: &Backstage, n: u64) {
     }
 }
 
+#[test]
+fn what_was_driven_is_there_again_when_its_session_is() {
+    let dir = tempfile::tempdir().unwrap();
+    let store = session(dir.path(), Protocol::Dropj);
+    let folder = store.dir().to_owned();
+    let (mut harness, backstage) = window(dir.path(), Some(store), vec2(1280.0, 800.0), false);
+    driven(&backstage, 2);
+    wait_for(&mut harness, |_| {
+        std::fs::read_to_string(folder.join("driven.jsonl")).is_ok_and(|text| text.lines().count() == 2)
+    });
+    drop((harness, backstage));
+
+    let store = SessionStore::open(&folder, None).unwrap();
+    let (mut harness, backstage) = window(dir.path(), Some(store), vec2(1280.0, 800.0), false);
+    go(&mut harness, Panel::Evaluate);
+    let returns = |harness: &Harness<'_, Window>| {
+        let episodes = harness.state().app().state().deployed();
+        episodes.iter().map(|(seed, metrics)| (*seed, metrics.ret)).collect::<Vec<_>>()
+    };
+    assert_eq!(returns(&harness), [(1, 701.0), (2, 702.0)]);
+    let n_runs = |harness: &Harness<'_, Window>| {
+        harness.query_all_by_label_contains("Close 2026-11-22T10-15-00-test").count()
+    };
+    assert_eq!(n_runs(&harness), 1);
+    // What is driven now is of the same run.
+    driven(&backstage, 1);
+    wait_for(&mut harness, |harness| returns(harness).len() == 3);
+    assert_eq!(n_runs(&harness), 1);
+}
+
 /// What the replayer was asked for.
 fn asked(backstage: &Backstage) -> Vec<String> {
     let said = |order| match order {

@@ -75,6 +75,47 @@ fn whoever_has_been_here_or_goes_on_with_a_session_is_offered_nothing() {
 }
 
 #[test]
+fn a_new_start_offers_to_go_on_with_the_latest_session() {
+    let dir = tempfile::tempdir().unwrap();
+    drop(session(dir.path(), Protocol::Dropj));
+    let (mut harness, _) = window(dir.path(), None, vec2(1280.0, 800.0), false);
+    wait_for(&mut harness, |harness| has(harness, "Go on with 2026-11-22 10:15"));
+    assert!(has(&harness, "DROPJ · 2 dreams · 0 answers"));
+    harness.get_by_label("Go on with 2026-11-22 10:15").click();
+    wait_for(&mut harness, |harness| harness.state().app().open().is_some());
+    harness.run_steps(2);
+    assert!(!has(&harness, "Go on with"), "it is open");
+    drop(harness);
+
+    // A first start has it beside the three cards.
+    let (mut harness, _) = first_window(dir.path(), vec2(1280.0, 800.0), false, 1.0);
+    wait_for(&mut harness, |harness| has(harness, "Go on with 2026-11-22 10:15"));
+    press(&mut harness, Key::Num4);
+    wait_for(&mut harness, |harness| harness.state().app().open().is_some());
+    harness.run_steps(2);
+    assert!(!has(&harness, "Drive in a dream now"), "the cards are gone");
+}
+
+#[test]
+fn a_look_at_reward_leaves_the_next_dream_to_begin() {
+    let dir = tempfile::tempdir().unwrap();
+    let store = session(dir.path(), Protocol::Dropj);
+    let (mut harness, backstage) = window(dir.path(), Some(store), vec2(1280.0, 800.0), false);
+    go(&mut harness, Panel::Reward);
+    go(&mut harness, Panel::Dream);
+    harness.get_by_label("Begin here");
+    // A dream that is looked at gives way to the next one by the same key.
+    harness.get_by_label("Dream 2: 90 steps").click();
+    harness.run_steps(2);
+    harness.get_by_label("Drive");
+    backstage.orders();
+    press(&mut harness, Key::Enter);
+    let is_start =
+        |order: &WorkerCommand| matches!(order, WorkerCommand::Dreamer(DreamerCommand::Start { .. }));
+    assert!(backstage.orders().iter().any(is_start), "it has begun");
+}
+
+#[test]
 fn the_second_way_opens_twenty_queries_of_the_example() {
     let dir = tempfile::tempdir().unwrap();
     let (mut harness, _) = first_window(dir.path(), vec2(1280.0, 800.0), false, 1.0);
@@ -102,10 +143,10 @@ fn hints_come_one_at_a_time_are_remembered_and_can_be_called_back() {
     for _ in 0..3 {
         press(&mut harness, Key::A);
     }
-    harness.get_by_label_contains("3 of 20 answers to begin with");
+    harness.get_by_label_contains("After 20 answers there is something to see");
     harness.get_by_label("Got it").click();
     harness.run_steps(2);
-    assert!(!has(&harness, "answers to begin with"));
+    assert!(!has(&harness, "there is something to see"));
     for i in 3..N_PRACTICED {
         press(&mut harness, if i % 2 == 0 { Key::S } else { Key::ArrowLeft });
     }

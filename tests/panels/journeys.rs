@@ -79,7 +79,7 @@ fn recordings_that_a_killed_program_left_behind_are_offered() {
     );
     backstage.report(Report::Record(RecordReport::Unfinished(2)));
     harness.run_steps(2);
-    harness.get_by_label("2 recordings survived a program that was ended meanwhile");
+    harness.get_by_label("2 recordings not ended the last time can still be kept");
     harness.get_by_label("Keep").click();
     harness.run_steps(2);
     let orders = backstage.orders_but_lists();

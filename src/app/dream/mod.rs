@@ -91,7 +91,7 @@ impl App {
                 self.state.dream.picture = None;
             }
             DreamCommand::Start => {
-                self.state.review.dream = None;
+                self.state.review.is_opened = false;
                 self.start_dream();
             }
             DreamCommand::Pause => {
@@ -272,7 +272,7 @@ impl App {
         let n = self.state.unfinished.len();
         if n > 0 {
             let dreams = super::counted(n, "dream");
-            let text = format!("{dreams} survived a program that was ended meanwhile");
+            let text = format!("{dreams} not ended the last time can still be kept");
             let ways =
                 [("Keep", SessionCommand::RecoverDreams), ("Throw away", SessionCommand::DiscardDreams)];
             self.offer(text, ways.map(|(name, command)| (name.to_owned(), Command::Session(command))).into());

@@ -14,6 +14,8 @@ use crate::worker::{DreamInspectorCommand, DreamRewards, ReviewView, WorkerComma
 pub(crate) struct Reviewing {
     /// Which one.
     pub dream: Option<DreamId>,
+    /// Whether somebody asked for it in the panel of dreams, where it stands in the place of the next one.
+    pub is_opened: bool,
     /// Where in it.
     pub head: Playhead,
     /// What was seen and thought there.
@@ -58,7 +60,7 @@ impl State {
     pub(crate) fn is_reviewing(&self) -> bool {
         match self.panel {
             Panel::Reward => true,
-            Panel::Dream => !self.dream.is_on && self.review.dream.is_some(),
+            Panel::Dream => !self.dream.is_on && self.review.is_opened && self.review.dream.is_some(),
             Panel::Record | Panel::World | Panel::Label | Panel::Deploy | Panel::Evaluate => false,
         }
     }
@@ -90,7 +92,9 @@ impl App {
     }
 
     pub(super) fn review(&mut self, dream: Option<DreamId>) {
+        let is_opened = dream.is_some() && (self.state.review.is_opened || self.state.panel == Panel::Dream);
         let review = &mut self.state.review;
+        review.is_opened = is_opened;
         (review.dream, review.head) = (dream, Playhead::default());
         (review.view, review.rewards, review.asked, review.picture) = (None, None, None, None);
     }

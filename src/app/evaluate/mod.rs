@@ -7,7 +7,7 @@ mod replay;
 mod shown;
 
 use std::collections::BTreeSet;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 pub(crate) use replay::{DrivenHere, Replay};
@@ -15,7 +15,7 @@ pub(crate) use shown::{Shown, ShownRun};
 
 use crate::app::session::is_same;
 use crate::app::{App, Effect, Field, Panel, Purpose, State, counted};
-use crate::evaluation::EpisodeMetrics;
+use crate::evaluation::{EpisodeMetrics, Results as FoundResults};
 use crate::experiment::side_by_side::Part;
 use crate::experiment::{Measure, Opened, Run, RunEpisode};
 use crate::text::shown as safely;
@@ -211,6 +211,30 @@ impl App {
     pub(super) fn episode_driven(&mut self, seed: u64, metrics: &EpisodeMetrics, actions: Arc<[Action]>) {
         let dir = self.state.open.as_ref().map(|open| open.dir.clone());
         let n_answers = self.state.reward.n_learned;
+        let episode = RunEpisode { seed: None, track: Some(seed), metrics: metrics.clone() };
+        let results = self.add_driven(dir, vec![episode]);
+        let evaluate = &mut self.state.evaluate;
+        evaluate.driven.push(DrivenHere { seed, metrics: metrics.clone(), actions, n_answers, results });
+        evaluate.refresh();
+    }
+
+    /// What was driven by the reward of the session in `dir` when it was open before: a run, unless there is one of it already.
+    pub(super) fn recall_driven(&mut self, dir: &Path, lines: &[u8]) {
+        let found = FoundResults::parse(lines);
+        let episodes: Vec<_> = found.tracks.iter().copied().zip(found.episodes).collect();
+        self.state.deploy.episodes =
+            episodes.iter().map(|(track, metrics)| (track.unwrap_or_default(), metrics.clone())).collect();
+        let origin = Origin::Session(Some(dir.to_owned()));
+        let is_there = self.state.evaluate.results.iter().any(|results| results.origin == origin);
+        if !episodes.is_empty() && !is_there {
+            let run = episodes.into_iter().map(|(track, metrics)| RunEpisode { seed: None, track, metrics });
+            self.add_driven(Some(dir.to_owned()), run.collect());
+            self.state.evaluate.refresh();
+        }
+    }
+
+    /// Adds episodes to the run of the session in `dir`, and returns the number of its results.
+    fn add_driven(&mut self, dir: Option<PathBuf>, episodes: Vec<RunEpisode>) -> u64 {
         let world = self.state.spec.name.clone();
         let evaluate = &mut self.state.evaluate;
         let name = dir.as_ref().and_then(|dir| dir.file_name());
@@ -225,11 +249,8 @@ impl App {
             evaluate.results.len() - 1
         });
         let results = &mut evaluate.results[place];
-        let episode = RunEpisode { seed: None, track: Some(seed), metrics: metrics.clone() };
-        Arc::make_mut(&mut results.opened).runs[0].episodes.push(episode);
-        let results = results.id;
-        evaluate.driven.push(DrivenHere { seed, metrics: metrics.clone(), actions, n_answers, results });
-        evaluate.refresh();
+        Arc::make_mut(&mut results.opened).runs[0].episodes.extend(episodes);
+        results.id
     }
 
     fn ask_where_to_save(&mut self, part: Part) {

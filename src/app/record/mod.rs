@@ -196,7 +196,7 @@ impl App {
     }
 
     fn offer_recordings(&mut self, n: usize) {
-        let text = format!("{} survived a program that was ended meanwhile", counted(n, "recording"));
+        let text = format!("{} not ended the last time can still be kept", counted(n, "recording"));
         let ways = [("Keep", RecordCommand::Recover), ("Throw away", RecordCommand::DiscardUnfinished)];
         self.offer(text, ways.map(|(name, command)| (name.to_owned(), Command::Record(command))).into());
     }

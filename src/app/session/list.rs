@@ -1,7 +1,8 @@
-//! The list of sessions to go on with.
+//! The list of sessions to go on with, and the latest of them, which a new start offers.
 
 use crate::app::App;
 use crate::worker::{JobCommand, SessionItem};
+use crate::world::example_of;
 
 /// The list, as it is shown.
 #[derive(Clone, Debug, Default)]
@@ -11,6 +12,8 @@ pub(crate) struct SessionList {
     pub found: Vec<SessionItem>,
     /// Whether there may be more.
     pub is_listing: bool,
+    /// The latest one of this world model, where it was looked for.
+    pub latest: Option<SessionItem>,
 }
 
 impl App {
@@ -18,11 +21,21 @@ impl App {
         let list = &mut self.state.list;
         list.is_open = !list.is_open;
         if list.is_open {
-            *list = SessionList { is_open: true, found: Vec::new(), is_listing: true };
+            (list.found, list.is_listing) = (Vec::new(), true);
             let (sessions, model) = (self.sessions.clone(), self.state.world.identity.clone());
             self.job(JobCommand::ListSessions { sessions, model });
         } else {
             self.stop_listing();
+        }
+    }
+
+    /// Looks for the latest session of this world model, as long as none is open: it can be gone on with.
+    pub(in crate::app) fn seek_latest_session(&mut self) {
+        self.state.list.latest = None;
+        if self.state.open.is_none() && self.state.opening.is_none() {
+            let (sessions, model) = (self.sessions.clone(), self.state.world.identity.clone());
+            let except = example_of(&self.state.spec.name);
+            self.job(JobCommand::FindLatestSession { sessions, model, except });
         }
     }
 

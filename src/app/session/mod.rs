@@ -154,6 +154,9 @@ impl App {
             SessionReport::Journal { episode, journal, is_new } => {
                 self.journal_opened(episode, journal, is_new);
             }
+            SessionReport::DrivenNotKept(error) => {
+                self.warn(format!("the episode stays here until the window is closed: {error}"));
+            }
             SessionReport::NotRecovered(error) => {
                 self.was_changed();
                 self.fail(error.to_string());
@@ -197,6 +200,7 @@ impl App {
                 self.state.list.is_listing = false;
                 self.fail(error.to_string());
             }
+            JobReport::LatestSession(latest) => self.state.list.latest = latest,
             JobReport::Identified(path, dropped) => self.dropped(path, dropped),
             JobReport::Mergeable(found, n_added) => self.mergeable(found, n_added),
             JobReport::Compared(dir, annotators) => self.annotators_compared(&dir, annotators),
@@ -415,7 +419,7 @@ impl App {
     /// Goes on with a session, telling the workers all that is in it.
     fn adopt(&mut self, loaded: LoadedSession) {
         self.generation += 1;
-        let LoadedSession { store, dreams, reward, unfinished } = loaded;
+        let LoadedSession { store, dreams, reward, unfinished, driven } = loaded;
         self.end_dream();
         self.send(WorkerCommand::EndSession);
         self.forget_reports();
@@ -455,6 +459,10 @@ impl App {
             session: store.session().clone(),
             n_unsaved: store.n_unsaved(),
         });
+        match driven {
+            Ok(lines) => self.recall_driven(store.dir(), &lines),
+            Err(e) => self.fail(e.to_string()),
+        }
         self.write(SessionWriterCommand::Use(Box::new(store)));
         match unfinished {
             Ok(found) => self.state.unfinished = found,

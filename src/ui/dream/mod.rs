@@ -8,6 +8,7 @@ use crate::app::counted;
 use crate::app::{Command, DreamCommand, Panel, WindowCommand};
 use crate::ui::View;
 use crate::ui::command::Commands;
+use crate::ui::guide;
 use crate::ui::settings::keymap::{KeyAction, known_key};
 use crate::ui::tokens::{self, GAP, Tokens};
 use crate::ui::widgets::clip::{Rim, paint_picture, picture_ui};
@@ -282,6 +283,7 @@ fn kept_ui(ui: &mut Ui, state: &View<'_>, commands: &mut Commands) {
     titled_card(ui, "Kept dreams", |ui| {
         let Some(session) = state.session() else {
             ui.label(tokens::muted(ui, "None yet. Begin one, and keep it."));
+            guide::go_on_ui(ui, state, None, commands);
             return;
         };
         let dreams: Vec<_> = session.dreams().iter().filter(|kept| !session.is_dropped(kept.dream)).collect();

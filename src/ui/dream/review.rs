@@ -25,17 +25,22 @@ pub(in crate::ui) fn review_ui(ui: &mut Ui, state: &View<'_>, commands: &mut Com
     picture(ui, state, id, size);
     ui.add_space(2.0);
     strip(ui, state, id, 62.0, commands);
-    ui.horizontal(|ui| {
-        ui.spacing_mut().item_spacing.x = 6.0;
+    ui.horizontal_wrapped(|ui| {
+        ui.spacing_mut().item_spacing = vec2(4.0, 2.0);
         moving_ui(ui, state, commands);
-        let button = KeyButton::new("Delete").key(Key::Delete).tone(Tone::Quiet).small();
+        let button = KeyButton::new("Delete").tone(Tone::Quiet).small();
         let response = button.show(ui).on_hover_text(resting(state, id).unwrap_or_else(|| {
-            "Nothing is asked about it any more; its file stays, so that it can be brought back".to_owned()
+            "Delete: nothing is asked about it any more; its file stays, so that it can be brought back"
+                .to_owned()
         }));
         if response.clicked() || input::pressed(ui, Key::Delete) {
             commands.push(Command::Dream(DreamCommand::Delete(id)));
         }
         clip_button_ui(ui, state, commands);
+        let begin = KeyButton::new("Drive").key(state.settings.keys.of(KeyAction::Begin)).small();
+        if begin.is_pressed(ui) {
+            commands.push(Command::Dream(DreamCommand::Start));
+        }
         let close =
             KeyButton::new("Close").key(state.settings.keys.of(KeyAction::Leave)).tone(Tone::Quiet).small();
         if close.is_pressed(ui) {

@@ -3,7 +3,7 @@
 use eframe::egui::{Grid, RichText, ScrollArea, Ui};
 
 use crate::experiment::Verdict;
-use crate::experiment::comparison::{MOST_COMPARED, probability};
+use crate::experiment::comparison::{LEAST_SEEDS, MOST_COMPARED, probability};
 use crate::ui::View;
 use crate::ui::tokens::{self, Tokens};
 
@@ -48,7 +48,7 @@ pub(super) fn differences_ui(ui: &mut Ui, state: &View<'_>) {
         return;
     }
     ScrollArea::horizontal().id_salt("pairs").show(ui, |ui| {
-        Grid::new("pairs").num_columns(6).spacing([20.0, 4.0]).show(ui, |ui| {
+        Grid::new("pairs").num_columns(7).spacing([20.0, 4.0]).show(ui, |ui| {
             for (name, about) in [
                 ("", ""),
                 (
@@ -59,6 +59,10 @@ pub(super) fn differences_ui(ui: &mut Ui, state: &View<'_>) {
                 ("Wilcoxon, Holm", "Paired by seed and track, and corrected for the number of pairs"),
                 ("Dunn", "As the paper tests, episodes taken for independent"),
                 ("", ""),
+                (
+                    "Seeds alone",
+                    "The stricter test, which takes no two episodes of a seed for apart: Wilcoxon's signed ranks of the seeds' means, Holm's correction",
+                ),
             ] {
                 ui.label(tokens::small(ui, name)).on_hover_text(about);
             }
@@ -80,6 +84,11 @@ pub(super) fn differences_ui(ui: &mut Ui, state: &View<'_>) {
                     }
                 };
                 ui.label(verdict.color(ink));
+                let few = format!("Nothing is said on fewer than {LEAST_SEEDS} seeds");
+                match pair.seeds_alone {
+                    Some(p) => ui.label(probability(p)),
+                    None => ui.label(tokens::muted(ui, "–")).on_hover_text(few),
+                };
                 ui.end_row();
             }
         });

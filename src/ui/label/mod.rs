@@ -61,6 +61,7 @@ pub(in crate::ui) fn label_ui(ui: &mut Ui, state: &View<'_>, commands: &mut Comm
             });
         }
         ui.add_space(GAP);
+        guide::go_on_ui(ui, state, None, commands);
         guide::clips_to_come_ui(ui, state);
         return;
     }
@@ -206,13 +207,17 @@ fn head_ui(ui: &mut Ui, state: &View<'_>, commands: &mut Commands) {
             let said = label.said.as_deref().unwrap_or(" ");
             let is_early =
                 label.early.is_some_and(|early| label.shown.is_some_and(|shown| shown.query == early));
+            let is_away = label.shown.is_some() && !label.is_standing && label.clock.is_away(state.now);
             let said = if is_early { EARLY } else { said };
+            let said = if is_away { AWAY } else { said };
             ui.label(tokens::muted(ui, said));
         }
         ui.with_layout(Layout::right_to_left(Align::Center), |ui| progress_ui(ui, state, commands));
     });
 }
 
+/// What is said while nobody is there.
+const AWAY: &str = "The clips wait for you: move the pointer, or press 0";
 /// What is said of an answer that came too early.
 const EARLY: &str = "Not taken: this came before the pair could be seen";
 

@@ -2,7 +2,9 @@
 
 mod weights;
 
-use eframe::egui::{Align2, Color32, CornerRadius, FontId, Rect, Role, Sense, Ui, WidgetInfo, vec2};
+use eframe::egui::{
+    Align, Align2, Color32, CornerRadius, FontId, Layout, Rect, Role, ScrollArea, Sense, Ui, WidgetInfo, vec2,
+};
 use egui_plot::Corner;
 
 use crate::app::counted;
@@ -39,8 +41,26 @@ pub(in crate::ui) fn reward_ui(ui: &mut Ui, state: &View<'_>, commands: &mut Com
         titled_card(ui, "How much answers weigh", |ui| weights_ui(ui, state, commands));
         titled_card(ui, "Answers by label", |ui| distribution_ui(ui, state));
     };
-    with_side(ui, 300.0, commands, main, aside);
+    if ui.available_width() >= WIDE {
+        return with_side(ui, 300.0, commands, main, aside);
+    }
+    // In a narrow window one stands below the other.
+    let height = ui.available_height();
+    ScrollArea::vertical().id_salt("reward").auto_shrink(false).show(ui, |ui| {
+        let room = vec2(ui.available_width() - GAP, height.max(LOWEST));
+        ui.allocate_ui_with_layout(room, Layout::top_down(Align::Min), |ui| {
+            ui.set_max_size(room);
+            main(ui, commands);
+        });
+        ui.spacing_mut().item_spacing.y = GAP;
+        aside(ui, commands);
+    });
 }
+
+/// What a dream and the curves want beside the rest.
+const WIDE: f32 = 880.0;
+/// And in height, where all scrolls.
+const LOWEST: f32 = 440.0;
 
 /// A dream as the reward sees it, and how the reward came to see it so.
 fn learned_ui(ui: &mut Ui, state: &View<'_>, commands: &mut Commands) {
@@ -61,7 +81,7 @@ fn curves(ui: &mut Ui, state: &View<'_>, height: f32) {
             let curves: Vec<_> =
                 curves.map(|((name, points), color)| Curve { name, points, color }).collect();
             let about = "Cross-entropy of each network with the labels that it learns from, report by report";
-            curves_ui(ui, ("Loss of each", about), &curves, None, Corner::RightTop, height);
+            curves_ui(ui, ("Loss of each network", about), &curves, None, Corner::RightTop, height);
         });
         card(&mut columns[1], |ui| {
             let curve = Curve { name: "reward", points: &reward.held_out, color: tokens.lines[0] };

@@ -105,7 +105,11 @@ fn recent_ui(ui: &mut Ui, state: &View<'_>, commands: &mut Commands) {
     // In a low window the rest must stay in reach.
     let room = (ui.ctx().content_rect().height() - AROUND).clamp(60.0, 190.0);
     // It takes all its room at once: nothing moves away from under a hand while it fills.
-    let list = ScrollArea::vertical().id_salt("recent").max_height(room).auto_shrink(false);
+    let list = ScrollArea::vertical()
+        .id_salt("recent")
+        .max_height(room)
+        .min_scrolled_height(room)
+        .auto_shrink(false);
     list.show(ui, |ui| {
         if state.list.found.is_empty() && !state.list.is_listing {
             ui.label(tokens::muted(ui, "None yet."));

@@ -78,7 +78,7 @@ pub(in crate::ui) fn help_ui(ui: &mut Ui, state: &View<'_>, commands: &mut Comma
         }
         ui.add_space(GAP);
         let room = (ui.ctx().content_rect().height() - 210.0).max(150.0);
-        ScrollArea::vertical().max_height(room).show(ui, |ui| {
+        ScrollArea::vertical().max_height(room).min_scrolled_height(room).show(ui, |ui| {
             if state.settings.is_gamepad_shown {
                 return pad_ui(ui, state, commands);
             }

@@ -1,7 +1,7 @@
 //! Curves over time.
 
 use eframe::egui::{Color32, FontId, Rangef, RichText, Ui, Vec2b};
-use egui_plot::{Corner, HLine, Legend, Line, LineStyle, Plot, PlotPoints};
+use egui_plot::{Corner, HLine, Legend, Line, LineStyle, Plot, PlotPoints, Points};
 
 use crate::ui::tokens::{self, Tokens};
 
@@ -29,7 +29,7 @@ pub(crate) fn curves_ui(
 ) {
     let tokens = Tokens::of(ui);
     ui.horizontal(|ui| ui.label(RichText::new(heading).color(tokens.muted)).on_hover_text(about));
-    if curves.iter().all(|curve| curve.points.len() < 2) {
+    if curves.iter().all(|curve| curve.points.is_empty()) {
         ui.allocate_ui(eframe::egui::vec2(ui.available_width(), height), |ui| {
             ui.set_min_height(height);
             ui.centered_and_justified(|ui| ui.label(tokens::small(ui, "nothing measured yet")));
@@ -64,6 +64,11 @@ pub(crate) fn curves_ui(
             let styles = [LineStyle::Solid, LineStyle::dashed_loose(), LineStyle::dotted_dense()];
             for (curve, style) in curves.iter().zip(styles.into_iter().cycle()) {
                 let points = PlotPoints::from(curve.points.to_vec());
+                if curve.points.len() == 1 {
+                    // A line of one point is not seen.
+                    plot.points(Points::new(curve.name, points).color(curve.color).radius(4.0));
+                    continue;
+                }
                 plot.line(Line::new(curve.name, points).color(curve.color).width(1.8).style(style));
             }
         });

@@ -3,8 +3,8 @@
 use std::ops::Range;
 
 use eframe::egui::{
-    Align2, Color32, CornerRadius, FontId, Key, Pos2, Rect, Role, Sense, Shape, Stroke, Ui, WidgetInfo, lerp,
-    pos2, remap, vec2,
+    Align2, Color32, CornerRadius, FontId, Key, Pos2, Rect, Role, Sense, Shape, Stroke, Ui, Vec2, WidgetInfo,
+    lerp, pos2, remap, vec2,
 };
 
 use crate::ui::tokens::{SMALL_CORNER, Tokens};
@@ -176,9 +176,16 @@ pub(crate) fn promises_ui(
                 let color = if is_same { tokens.warn } else { tokens.text };
                 ui.painter().hline(rect.x_range(), y(before), Stroke::new(2.0, color));
             }
+            // By shape and not by colour alone: a wedge points at the chosen one, a dot is below the one before.
+            let foot = pos2(rect.center().x, rect.bottom() - 2.0);
+            let aside = if is_chosen && chosen_before == Some(i) { vec2(4.0, 0.0) } else { Vec2::ZERO };
+            if is_chosen {
+                let at = foot - aside;
+                let corners = vec![at + vec2(-4.0, 2.0), at + vec2(4.0, 2.0), at - vec2(0.0, 3.5)];
+                ui.painter().add(Shape::convex_polygon(corners, tokens.good, Stroke::NONE));
+            }
             if chosen_before == Some(i) {
-                let dot = pos2(rect.center().x, rect.bottom() - 2.0);
-                ui.painter().circle_filled(dot, 2.0, tokens.warn);
+                ui.painter().circle_filled(foot + aside, 2.0, tokens.warn);
             }
             response.on_hover_text(format!("{name}\n{}", promise.actions));
         }

@@ -36,7 +36,8 @@ pub fn process(raw96: &[u8]) -> Frame {
         for (taps, to) in TAPS.iter().zip(processed) {
             let last = taps.first + N_TAPS;
             // A window of one color, as most are, keeps that color: the weights sum to 1.
-            let pixel = if run_ends[taps.first] >= last { row[taps.first] } else { taps.apply(row) };
+            let pixel =
+                if run_ends[taps.first] >= last { row[taps.first] } else { taps.apply(row, &run_ends) };
             *to = if pixel == [0; 3] { [255; 3] } else { pixel };
         }
     }
@@ -52,10 +53,11 @@ fn run_ends(row: &[[u8; 3]]) -> [usize; RAW] {
     ends
 }
 
-/// The input columns that make one output column, with their weights in fixed point.
+/// The input columns that make one output column.
 struct Taps {
     first: usize,
-    weights: [i32; N_TAPS],
+    /// The sum of the weights of the first so many of them, in fixed point.
+    up_to: [i32; N_TAPS + 1],
 }
 
 impl Taps {
@@ -68,19 +70,25 @@ impl Taps {
         let weight = |x: usize| lanczos((x as f64 - center + 0.5) / scale);
         let sum: f64 = (start..end).map(weight).sum();
         let first = start.min(RAW - N_TAPS);
-        let mut weights = [0; N_TAPS];
-        for x in start..end {
-            weights[x - first] = (weight(x) / sum * f64::from(1 << PRECISION)).round() as i32;
+        let mut up_to = [0; N_TAPS + 1];
+        for i in 0..N_TAPS {
+            let weight = if (start..end).contains(&(first + i)) { weight(first + i) / sum } else { 0.0 };
+            up_to[i + 1] = up_to[i] + (weight * f64::from(1 << PRECISION)).round() as i32;
         }
-        Self { first, weights }
+        Self { first, up_to }
     }
 
-    fn apply(&self, row: &[[u8; 3]]) -> [u8; 3] {
+    /// Run by run of equal pixels, which are few: whole numbers add up to the same in any order.
+    fn apply(&self, row: &[[u8; 3]], run_ends: &[usize; RAW]) -> [u8; 3] {
         let mut sums = [1 << (PRECISION - 1); 3];
-        for (pixel, weight) in row[self.first..self.first + N_TAPS].iter().zip(self.weights) {
-            for (sum, &byte) in sums.iter_mut().zip(pixel) {
+        let (mut at, last) = (self.first, self.first + N_TAPS);
+        while at < last {
+            let end = run_ends[at].min(last);
+            let weight = self.up_to[end - self.first] - self.up_to[at - self.first];
+            for (sum, &byte) in sums.iter_mut().zip(&row[at]) {
                 *sum += weight * i32::from(byte);
             }
+            at = end;
         }
         sums.map(|sum: i32| (sum >> PRECISION).clamp(0, 255) as u8)
     }

@@ -15,6 +15,9 @@ const MAX_CORNERS: usize = 8;
 /// Beyond this many pixels corners are clamped, far outside of any picture.
 const LIMIT: f64 = 1e6;
 
+/// Pixels that are filled at once.
+const STRIP: usize = 16;
+
 /// A row that no edge has crossed yet.
 const NO_SPAN: [i64; 2] = [i64::MAX, i64::MIN];
 
@@ -58,12 +61,17 @@ impl Canvas {
             self.mark_edge(a, b);
             a = b;
         }
+        // Whole registers at a time: three bytes by themselves are slow to repeat.
+        let strip = [color; STRIP];
         for row in rows.start as usize..rows.end as usize {
             let [from, to] = self.spans[row];
             let (from, to) = (from.max(columns.start), to.min(columns.end));
             if from < to {
                 let start = row * self.width;
-                self.pixels[start + from as usize..start + to as usize].fill(color);
+                let pixels = &mut self.pixels[start + from as usize..start + to as usize];
+                let (strips, rest) = pixels.as_chunks_mut::<STRIP>();
+                strips.fill(strip);
+                rest.fill(color);
             }
         }
     }
