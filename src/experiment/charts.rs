@@ -118,13 +118,19 @@ pub(crate) fn with_font() {
     });
 }
 
-/// From 0, or below, to above the highest.
-fn bounds<'a>(places: impl Iterator<Item = &'a Place>) -> [f64; 2] {
+/// From 0, or below, to above the highest, with room for a legend of all curves: it must not hide a mark.
+fn bounds(curves: &[Curve]) -> [f64; 2] {
     let (mut low, mut high) = (0.0f64, f64::EPSILON);
-    for value in places.flat_map(|place| place.of.iter().chain(&place.mean)) {
+    for value in
+        curves.iter().flat_map(|curve| &curve.places).flat_map(|place| place.of.iter().chain(&place.mean))
+    {
         (low, high) = (low.min(*value), high.max(*value));
     }
-    [if low < 0.0 { low * 1.05 } else { 0.0 }, if high < 1e-6 { 1.0 } else { high * 1.08 }]
+    let low = if low < 0.0 { low * 1.05 } else { 0.0 };
+    let high = if high < 1e-6 { 1.0 } else { high };
+    // A name is 20 pixels high.
+    let legend = (20.0 * curves.len() as f64 + 24.0) / f64::from(SIZE.1);
+    [low, low + (high - low) / (1.0 - legend.min(0.5))]
 }
 
 /// A number at an axis, with no more digits than it has.
@@ -255,9 +261,9 @@ pub(super) struct Lines<'a> {
 
 impl Drawing for Lines<'_> {
     fn draw<B: DrawingBackend>(&self, area: &DrawingArea<B, Shift>) -> Result<(), String> {
-        let places = || self.curves.iter().flat_map(|curve| &curve.places);
-        let right = places().map(|place| place.x).fold(1.0, f64::max);
-        let mut chart = chart(area, self.words, [0.0, right * 1.03], bounds(places()))?;
+        let places = self.curves.iter().flat_map(|curve| &curve.places);
+        let right = places.map(|place| place.x).fold(1.0, f64::max);
+        let mut chart = chart(area, self.words, [0.0, right * 1.03], bounds(self.curves))?;
         for Curve { number, name, places } in self.curves {
             let (i, color) = (*number, COLORS[number % COLORS.len()]);
             let upper = places.iter().map(|place| (place.x, place.mean[2]));
@@ -283,7 +289,7 @@ pub(super) struct Bars<'a> {
 
 impl Drawing for Bars<'_> {
     fn draw<B: DrawingBackend>(&self, area: &DrawingArea<B, Shift>) -> Result<(), String> {
-        let [low, high] = bounds(self.curves.iter().flat_map(|curve| &curve.places));
+        let [low, high] = bounds(self.curves);
         let mut chart = chart(area, self.words, [-0.6, self.curves.len() as f64 - 0.4], [low, high])?;
         for (i, Curve { number, name, places }) in self.curves.iter().enumerate() {
             let (color, x) = (COLORS[number % COLORS.len()], i as f64);

@@ -234,20 +234,30 @@ fn recorded(text: &mut String, description: &Description) {
     );
 }
 
-/// How others agree with the trial's own annotator, where others answered.
+/// How others, or answers with mistakes, agree with the trial's own annotator.
 fn disagreement(text: &mut String, rows: &Rows) {
+    // Shares as whole thousandths, to be in order.
+    let share = |share: f64| (1000.0 * share).round() as i64;
     let mut of: BTreeMap<_, Vec<[f64; 2]>> = BTreeMap::new();
     for row in &rows.0 {
         if let (Some(critical), Some(other)) = (row.critical_disagreement, row.other_disagreement) {
-            of.entry(row.annotators).or_default().push([critical, other]);
+            let wrong = [share(row.critical_mistakes), share(row.other_mistakes)];
+            of.entry((row.annotators, wrong)).or_default().push([critical, other]);
         }
     }
-    for (annotators, shares) in of {
+    for ((annotators, wrong), shares) in of {
         let mean = |i: usize| 100.0 * shares.iter().map(|share| share[i]).sum::<f64>() / shares.len() as f64;
+        let whose = match wrong {
+            [0, 0] => format!("{annotators:?} answers differ from careful ones"),
+            [critical, other] => format!(
+                "Where {} % of the critical and {} % of the other answers are to be wrong, they differ from those without mistakes",
+                critical as f64 / 10.0,
+                other as f64 / 10.0
+            ),
+        };
         let _ = writeln!(
             text,
-            "\n{annotators:?} answers differ from careful ones in what is safe in {:.1} % of the queries that both answered, and \
-             otherwise in {:.1} %.",
+            "\n{whose} in what is safe in {:.1} % of the queries that both answered, and otherwise in {:.1} %.",
             mean(0),
             mean(1)
         );
@@ -290,6 +300,19 @@ mod tests {
         let alone = Rows(rows().0.into_iter().filter(|row| row.seed == 0).collect());
         let text = summary(&asked(), &alone, 0);
         assert!(text.contains("Nothing is called different on one seed") && !text.contains("| differ |"));
+    }
+
+    #[test]
+    fn mistakes_are_told_by_their_shares() {
+        let mut rows = rows();
+        for row in &mut rows.0 {
+            (row.critical_mistakes, row.critical_disagreement, row.other_disagreement) =
+                (0.05, Some(0.04), Some(0.001));
+        }
+        let text = summary(&asked(), &rows, 0);
+        let told = "Where 5 % of the critical and 0 % of the other answers are to be wrong, they differ from those without mistakes \
+                    in what is safe in 4.0 % of the queries that both answered, and otherwise in 0.1 %.";
+        assert!(text.contains(told), "{text}");
     }
 
     #[test]

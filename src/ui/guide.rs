@@ -124,8 +124,7 @@ fn offers<'a>(state: &'a View<'_>) -> [Offer<'a>; 3] {
         },
         Offer {
             title: "Open a world of my own",
-            about: "A robot, a Gymnasium environment or recordings: choose its world.toml. “dropj world new” makes one: see “dropj world \
-                    new --help”."
+            about: "A robot, a Gymnasium environment or recordings: choose its world.toml (“dropj world new” makes one)."
                 .to_owned(),
             button: "Choose the file…",
             key: Key::Num3,

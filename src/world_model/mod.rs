@@ -410,7 +410,7 @@ impl WorldModel {
 }
 
 /// Pictures that the processor draws together.
-const DRAWN: i64 = 10;
+const DRAWN: i64 = 5;
 
 /// The numbers of the episodes that were held out, where `parameters` tell them.
 fn held_out(parameters: &Parameters) -> Result<Option<Vec<usize>>, WorldModelError> {

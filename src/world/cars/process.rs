@@ -3,8 +3,10 @@
 //! By hand on purpose: resizers of the registry do not promise Pillow's fixed-point rounding, bit for bit.
 
 use std::f64::consts::PI;
+use std::ops::Range;
 use std::sync::LazyLock;
 
+use super::raster::{Color, paint};
 use super::{Frame, trig};
 
 /// Pixels a side of the picture that comes in.
@@ -16,8 +18,8 @@ const N_TAPS: usize = 8;
 /// Bits behind the point of a weight.
 const PRECISION: u32 = 22;
 
-/// The recipe of every output column.
-static TAPS: LazyLock<Vec<Taps>> = LazyLock::new(|| (0..SIDE).map(Taps::of_column).collect());
+/// The recipe of every picture.
+static RECIPE: LazyLock<Recipe> = LazyLock::new(Recipe::new);
 
 /// The frame of a 96 × 96 state image (method §2.1).
 ///
@@ -30,22 +32,63 @@ static TAPS: LazyLock<Vec<Taps>> = LazyLock::new(|| (0..SIDE).map(Taps::of_colum
 pub fn process(raw96: &[u8]) -> Frame {
     assert_eq!(raw96.len(), 3 * RAW * RAW, "a state image of Car Racing is 96 × 96");
     let mut rgb = vec![0; 3 * SIDE * SIDE];
-    let rows = raw96.as_chunks::<3>().0.chunks_exact(RAW);
+    let (recipe, rows) = (&*RECIPE, raw96.as_chunks::<3>().0.chunks_exact(RAW));
     for (row, processed) in rows.zip(rgb.as_chunks_mut::<3>().0.chunks_exact_mut(SIDE)) {
-        let run_ends = run_ends(row);
-        for (taps, to) in TAPS.iter().zip(processed) {
-            let last = taps.first + N_TAPS;
-            // A window of one color, as most are, keeps that color: the weights sum to 1.
-            let pixel =
-                if run_ends[taps.first] >= last { row[taps.first] } else { taps.apply(row, &run_ends) };
-            *to = if pixel == [0; 3] { [255; 3] } else { pixel };
-        }
+        recipe.squeeze(row, processed);
     }
     Frame::square(SIDE as u32, rgb)
 }
 
+fn without_black(pixel: Color) -> Color {
+    if pixel == [0; 3] { [255; 3] } else { pixel }
+}
+
+/// How input columns make output columns.
+struct Recipe {
+    /// Of every output column.
+    taps: Vec<Taps>,
+    /// The first output column whose window begins at an input column or after it.
+    from: [usize; RAW + 1],
+    /// The first output column whose window does not end before an input column.
+    until: [usize; RAW + 1],
+}
+
+impl Recipe {
+    fn new() -> Self {
+        let taps: Vec<_> = (0..SIDE).map(Taps::of_column).collect();
+        let from = std::array::from_fn(|x| taps.partition_point(|taps| taps.first < x));
+        let until = std::array::from_fn(|x| taps.partition_point(|taps| taps.first + N_TAPS <= x));
+        Self { taps, from, until }
+    }
+
+    /// A row of the input as one of the output, run of equal pixels by run: where the window of an output column is of one color, as
+    /// most are, it keeps that color, for the weights sum to 1.
+    fn squeeze(&self, row: &[Color], processed: &mut [Color]) {
+        let run_ends = run_ends(row);
+        let (mut column, mut at) = (0, 0);
+        while at < RAW {
+            let end = run_ends[at];
+            let (from, until) = (self.from[at], self.until[end]);
+            if from < until {
+                self.mix(row, &run_ends, column..from, processed);
+                paint(&mut processed[from..until], without_black(row[at]));
+                column = until;
+            }
+            at = end;
+        }
+        self.mix(row, &run_ends, column..SIDE, processed);
+    }
+
+    /// Output columns whose windows have several colors.
+    fn mix(&self, row: &[Color], run_ends: &[usize; RAW], columns: Range<usize>, processed: &mut [Color]) {
+        for (taps, to) in self.taps[columns.clone()].iter().zip(&mut processed[columns]) {
+            *to = without_black(taps.apply(row, run_ends));
+        }
+    }
+}
+
 /// For each column the end of the run of equal pixels that it is in.
-fn run_ends(row: &[[u8; 3]]) -> [usize; RAW] {
+fn run_ends(row: &[Color]) -> [usize; RAW] {
     let mut ends = [RAW; RAW];
     for column in (0..RAW - 1).rev() {
         ends[column] = if row[column] == row[column + 1] { ends[column + 1] } else { column + 1 };
@@ -79,7 +122,7 @@ impl Taps {
     }
 
     /// Run by run of equal pixels, which are few: whole numbers add up to the same in any order.
-    fn apply(&self, row: &[[u8; 3]], run_ends: &[usize; RAW]) -> [u8; 3] {
+    fn apply(&self, row: &[Color], run_ends: &[usize; RAW]) -> Color {
         let mut sums = [1 << (PRECISION - 1); 3];
         let (mut at, last) = (self.first, self.first + N_TAPS);
         while at < last {

@@ -15,8 +15,8 @@ const MAX_CORNERS: usize = 8;
 /// Beyond this many pixels corners are clamped, far outside of any picture.
 const LIMIT: f64 = 1e6;
 
-/// Pixels that are filled at once.
-const STRIP: usize = 16;
+/// Bytes that are painted at once: of whole pixels, and in whole registers.
+const STRIP: usize = 48;
 
 /// A row that no edge has crossed yet.
 const NO_SPAN: [i64; 2] = [i64::MAX, i64::MIN];
@@ -61,17 +61,12 @@ impl Canvas {
             self.mark_edge(a, b);
             a = b;
         }
-        // Whole registers at a time: three bytes by themselves are slow to repeat.
-        let strip = [color; STRIP];
         for row in rows.start as usize..rows.end as usize {
             let [from, to] = self.spans[row];
             let (from, to) = (from.max(columns.start), to.min(columns.end));
             if from < to {
                 let start = row * self.width;
-                let pixels = &mut self.pixels[start + from as usize..start + to as usize];
-                let (strips, rest) = pixels.as_chunks_mut::<STRIP>();
-                strips.fill(strip);
-                rest.fill(color);
+                paint(&mut self.pixels[start + from as usize..start + to as usize], color);
             }
         }
     }
@@ -132,6 +127,16 @@ impl Canvas {
         }
         rgb
     }
+}
+
+/// Gives all of these pixels a color, in whole registers: three bytes by themselves are slow to repeat.
+pub(super) fn paint(pixels: &mut [Color], color: Color) {
+    let strip: [u8; STRIP] = std::array::from_fn(|i| color[i % 3]);
+    let (strips, rest) = pixels.as_flattened_mut().as_chunks_mut();
+    for to in strips {
+        *to = strip;
+    }
+    rest.copy_from_slice(&strip[..rest.len()]);
 }
 
 /// A coordinate in 1/256 pixel.
