@@ -165,6 +165,8 @@ pub(super) fn messages_ui(ui: &mut Ui, state: &View<'_>, commands: &mut Commands
                         let room = ui.available_width() - 60.0;
                         ui.vertical(|ui| {
                             ui.set_width(room);
+                            // In the middle of the button beside it, as long as it is one line.
+                            ui.add_space(7.0);
                             ui.label(RichText::new(&toast.text).color(tokens.text));
                             if !toast.ways.is_empty() {
                                 ui.horizontal(|ui| {
