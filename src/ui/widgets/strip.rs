@@ -176,7 +176,7 @@ pub(crate) fn promises_ui(
                 let color = if is_same { tokens.warn } else { tokens.text };
                 ui.painter().hline(rect.x_range(), y(before), Stroke::new(2.0, color));
             }
-            // By shape and not by colour alone: a wedge points at the chosen one, a dot is below the one before.
+            // By shape and not by color alone: a wedge points at the chosen one, a dot is below the one before.
             let foot = pos2(rect.center().x, rect.bottom() - 2.0);
             let aside = if is_chosen && chosen_before == Some(i) { vec2(4.0, 0.0) } else { Vec2::ZERO };
             if is_chosen {
