@@ -221,6 +221,16 @@ mod tests {
         Cli::command().debug_assert();
     }
 
+    #[cfg(unix)]
+    #[test]
+    fn what_is_set_around_libtorch_knows_commands_that_there_are() {
+        let names: Vec<_> = Cli::command().get_subcommands().map(|it| it.get_name().to_owned()).collect();
+        let own = ["help", "-h", "--help", "-V", "--version"];
+        for name in crate::LIGHT.iter().chain(&crate::TRAINING) {
+            assert!(own.contains(name) || names.iter().any(|it| it == name), "{name} is no command");
+        }
+    }
+
     /// Every command that can be given, by its name, `world check` as one of them.
     fn commands() -> Vec<(String, clap::Command)> {
         fn add(before: &str, command: &clap::Command, all: &mut Vec<(String, clap::Command)>) {
