@@ -75,6 +75,20 @@ mod tests {
     }
 
     #[test]
+    fn many_pictures_are_those_that_each_draws_alone() {
+        let (model, n) = (model(23), 12);
+        let zs: Vec<f32> = (0..4 * n).map(|i| (i as f32 * 0.37).sin()).collect();
+        let together = model.decode(&from_slice(&zs, &[n, 4]));
+        let alone: Vec<_> = zs.chunks_exact(4).flat_map(|z| model.decode(&from_slice(z, &[1, 4]))).collect();
+        assert_eq!((together.len(), alone.len()), (12, 12));
+        for (one, other) in together.iter().zip(&alone) {
+            let apart = one.rgb().iter().zip(other.rgb()).map(|(a, b)| a.abs_diff(*b)).max();
+            assert!(apart <= Some(1), "by rounding alone: {apart:?}");
+        }
+        assert_ne!(together[0], together[11], "they differ, so that their order shows");
+    }
+
+    #[test]
     fn models_of_one_file_share_their_numbers_and_others_do_not() {
         let one = model(21);
         let head = |model: &WorldModel| model.networks.mdn_rnn.head.data_ptr() as usize;

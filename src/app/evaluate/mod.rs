@@ -221,6 +221,9 @@ impl App {
     /// What was driven by the reward of the session in `dir` when it was open before: a run, unless there is one of it already.
     pub(super) fn recall_driven(&mut self, dir: &Path, lines: &[u8]) {
         let found = FoundResults::parse(lines);
+        for note in &found.notes {
+            self.warn(format!("of what was driven before, {note}"));
+        }
         let episodes: Vec<_> = found.tracks.iter().copied().zip(found.episodes).collect();
         self.state.deploy.episodes =
             episodes.iter().map(|(track, metrics)| (track.unwrap_or_default(), metrics.clone())).collect();

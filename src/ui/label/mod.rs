@@ -217,7 +217,7 @@ fn head_ui(ui: &mut Ui, state: &View<'_>, commands: &mut Commands) {
 }
 
 /// What is said while nobody is there.
-const AWAY: &str = "The clips wait for you: move the pointer, or press 0";
+const AWAY: &str = "The clips wait for you: move the pointer to go on";
 /// What is said of an answer that came too early.
 const EARLY: &str = "Not taken: this came before the pair could be seen";
 
