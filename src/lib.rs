@@ -69,6 +69,7 @@
 //!   Justifications.* ICAART 2026. "Method §n" in these pages is our restatement of it, with its slips put right.
 //! - **World Models**: Ha, Schmidhuber. 2018.
 //! - **ReQueST**: Reddy et al. *Learning human objectives by evaluating hypothetical behavior.* ICML 2020.
+//! - **Multiple-instance learning**: Maron, Lozano-Pérez. *A framework for multiple-instance learning.* NeurIPS 1997.
 //! - **PEBBLE**: Lee et al. ICML 2021. · **B-Pref**: Lee et al. NeurIPS 2021.
 
 pub mod text;

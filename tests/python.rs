@@ -9,12 +9,15 @@ mod program;
 
 use std::collections::HashMap;
 use std::fs;
+use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
+use dropj::dream::{DreamEpisode, Rows};
+use dropj::query::{DreamId, Justification, Justifications, Preference, Response, SegmentRef, Weights};
 use dropj::reward::{
-    RewardEnsemble, RewardInputs, RewardModel as _, RewardNetworks, SparseConfig, SparseReward,
-    scaled_actions_tensor, sparse,
+    Learned, RewardConfig, RewardEnsemble, RewardInputs, RewardModel as _, RewardNetworks, SegmentPair,
+    SparseConfig, SparseReward, Trainer, scaled_actions_tensor, segment_rows, sparse,
 };
 use dropj::session::arrays::dream_from_bytes;
 use dropj::tensor::{Parameters, bytes_of_frames, from_slice, normal, to_frames, uniform};
@@ -178,12 +181,37 @@ fn rewards(model: &WorldModel, folder: &Path) -> Vec<(String, Tensor)> {
         all.push((name.to_owned(), reward.rewards(&features, &scaled)));
         all.push((format!("{name} chances"), chances));
     }
+    let reward = naming_grass(model, &episode, &kept);
+    fs::write(folder.join("hazards.safetensors"), reward.parameters().bytes()).unwrap();
+    all.push(("hazards".to_owned(), reward.rewards(&features, &scaled)));
+    let shown = reward.hazards().unwrap().probabilities(&Tensor::cat(&[&features, &scaled], 1));
+    all.push(("hazards shown".to_owned(), shown));
     all.extend([
         ("dream features".to_owned(), features),
         ("dream actions".to_owned(), driven),
         ("scaled".to_owned(), scaled),
     ]);
     all
+}
+
+/// A reward that was learned from four answers about this dream, two of which name grass.
+fn naming_grass(model: &WorldModel, episode: &DreamEpisode, features: &Rows) -> RewardEnsemble {
+    let mut weights = Weights::paper();
+    weights.justifications = Justifications::new([("grass", 0.9), ("default", 0.75)]).unwrap();
+    let naming = RewardConfig { learned: Learned::Hazards, ..RewardConfig::tiny() };
+    let ensemble = RewardEnsemble::new(RewardInputs::of(model), naming, &mut rng());
+    let mut trainer = Trainer::new(ensemble.in_kind(Kind::Float));
+    for (i, place) in [0, 1, 0, 1].into_iter().enumerate() {
+        let rows = |start| {
+            let segment = SegmentRef { dream: DreamId(0), start };
+            segment_rows(features, &episode.actions, model.ranges(), segment)
+        };
+        let response = Response::Justified(Justification(place).into(), Preference::Left);
+        let label = weights.label(&response).unwrap();
+        trainer.add(&SegmentPair { left: rows(40 * i), right: rows(200 + 40 * i), label });
+    }
+    let _ = trainer.fit(&mut rng(), |_| ControlFlow::Continue(())).unwrap();
+    RewardEnsemble::load(&trainer.ensemble().parameters()).unwrap().in_kind(Kind::Float)
 }
 
 /// What networks of the first layout make of a little, by name.
@@ -298,6 +326,7 @@ fn python_computes_what_the_program_does() {
         "reward": shipped(REWARD),
         "joint": folder.join("joint.safetensors"),
         "apart": folder.join("apart.safetensors"),
+        "hazards": folder.join("hazards.safetensors"),
         "old world": earlier("world-1"),
         "old reward": earlier("reward-1"),
         "old sparse": earlier("sparse-reward-1"),
@@ -342,10 +371,10 @@ fn torchscript_computes_what_the_program_does() {
     ];
     let rows = given(&["dream features", "dream actions"]);
     found.push(("reward", load("w-reward.pt").forward_ts(&rows).unwrap(), "reward", 5e-5));
-    for name in ["joint", "apart"] {
+    for name in ["joint", "apart", "hazards"] {
         export("--reward", &dir.path().join(format!("{name}.safetensors")), &format!("{name}.pt"));
         let said = load(&format!("{name}-reward.pt")).forward_ts(&rows).unwrap();
-        found.push(("reward of verdicts", said, name, 5e-5));
+        found.push(("reward", said, name, 5e-5));
     }
     for (name, found, wanted, most) in found {
         let distance = apart(&found, &all[wanted]);

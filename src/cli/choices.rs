@@ -101,6 +101,8 @@ pub(crate) enum PlannerName {
 pub(crate) enum FitName {
     /// From nothing, at a falling rate, a fixed number of steps
     Ours,
+    /// The same, and where answers name hazards, what those look like: what they cost is taken off
+    Hazards,
     /// The authors': at one rate, 60 passes through all answers, 40 where several things must not happen
     Paper,
 }

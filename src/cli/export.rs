@@ -267,9 +267,11 @@ fn size(config: &WorldModelConfig) -> [i64; 2] {
 
 /// The reward in `parameters`, of either kind.
 fn reward(parameters: &Parameters) -> anyhow::Result<CModule> {
+    let mut hazards = None;
     let (key, n_layers, relaid, rules, ranges) = match RewardNetworks::load(parameters)? {
         RewardNetworks::Preferences(reward) => {
             let ranges = reward.inputs().ranges.clone();
+            hazards = reward.hazards().map(|hazards| hazards.for_inference(Kind::Float));
             ("reward", reward.config().layers, RewardEnsemble::relaid(parameters)?, None, ranges)
         }
         RewardNetworks::Verdicts(reward) => {
@@ -292,7 +294,12 @@ fn reward(parameters: &Parameters) -> anyhow::Result<CModule> {
         let Some(rules) = rules else {
             let scaled = ((actions - &low) / &range * 2.0 - 1.0).clamp(-1.0, 1.0);
             let said = through(&layers, &Tensor::cat(&[features, &scaled], 1), Tensor::leaky_relu);
-            return said.tanh().squeeze_dim(-1).mean_dim(0, false, Kind::Float);
+            let rewards = said.tanh().squeeze_dim(-1).mean_dim(0, false, Kind::Float);
+            let rows = Tensor::cat(&[features, &scaled], 1);
+            return match &hazards {
+                None => rewards,
+                Some(hazards) => rewards - hazards.costs(&rows),
+            };
         };
         let logits = through(&layers, &Tensor::cat(&[features, actions], 1), Tensor::relu); // [E, B, 3]
         match rules {

@@ -5,7 +5,7 @@ use std::time::Instant;
 
 use dropj::query::{Justifications, Protocol, Weights};
 use dropj::reward::sparse::Rules;
-use dropj::reward::{RewardConfig, RewardEnsemble, SparseConfig};
+use dropj::reward::{Learned, RewardConfig, RewardEnsemble, SparseConfig};
 use dropj::session::{Event, SessionStore};
 
 use super::choices::{Computing, FitName};
@@ -95,6 +95,7 @@ impl Options {
         let base = RewardConfig { members: kept.unwrap_or(papers.members), ..papers };
         let base = match self.fit {
             FitName::Ours => base,
+            FitName::Hazards => RewardConfig { learned: Learned::Hazards, ..base },
             FitName::Paper => base.authors(n_justifications),
         };
         let config = self.run_file.over("reward", &base, RewardConfig::check)?;

@@ -9,7 +9,7 @@ use super::mistakes::Mistakes;
 use super::options::{Search, WorldModels};
 use crate::planner::PlannerConfig;
 use crate::query::{Justifications, Protocol, Strategy, Weights};
-use crate::reward::RewardConfig;
+use crate::reward::{Learned, RewardConfig};
 use crate::simulate::player::Manner;
 use crate::simulate::{Annotator, SimulateConfig};
 use crate::world::WorldSpec;
@@ -164,6 +164,8 @@ pub enum Fit {
     /// As we do: [`Schedule::Falling`](crate::reward::Schedule).
     #[default]
     Ours,
+    /// The same, and what answers name: [`Learned::Hazards`].
+    Hazards,
     /// As the authors do: [`Schedule::Authors`](crate::reward::Schedule).
     Paper,
 }
@@ -458,6 +460,7 @@ impl Variant {
     pub fn reward(&self, usual: &RewardConfig, spec: &WorldSpec) -> RewardConfig {
         match self.fit {
             Fit::Ours => usual.clone(),
+            Fit::Hazards => RewardConfig { learned: Learned::Hazards, ..usual.clone() },
             Fit::Paper => usual.clone().authors(spec.justifications.len()),
         }
     }

@@ -2,17 +2,45 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::query::{Justifications, Preference, Response, SafetyAnswer, Verdict};
+use crate::query::{Active, Justification, Justifications, Preference, Response, SafetyAnswer, Verdict};
 use crate::world::{LabelWeights, WorldSpec};
 
-/// The target probability that the left segment is better, μ in `[0, 1]`.
-#[derive(Clone, Copy, Debug, PartialEq, PartialOrd, Serialize, Deserialize)]
-#[serde(transparent)]
-pub struct Label(f32);
+/// What an answer means: the target probability that the left segment is better, and what each of the two was said to show.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Label {
+    mu: f32,
+    shown: [Shown; 2],
+}
+
+/// What was said of a segment by an answer that names justifications: which of them it shows, as far as that follows.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Shown {
+    /// By their places: bit `j` is that of the justification `j`.
+    known: u64,
+    shows: u64,
+}
+
+impl Shown {
+    /// Whether the segment shows `justification` at some step. Nothing where that does not follow.
+    pub fn shows(self, justification: Justification) -> Option<bool> {
+        let bit = |all: u64| all.checked_shr(u32::from(justification.0)).is_some_and(|rest| rest & 1 == 1);
+        bit(self.known).then(|| bit(self.shows))
+    }
+
+    /// So many places, from the most severe, reach as far as anything is known.
+    pub fn n_places(self) -> usize {
+        (u64::BITS - self.known.leading_zeros()) as usize
+    }
+
+    /// The same, and whether it shows those in `these`.
+    fn with(self, these: u64, shows: bool) -> Self {
+        Self { known: self.known | these, shows: if shows { self.shows | these } else { self.shows } }
+    }
+}
 
 impl Label {
     /// Neither segment is better: μ = ½.
-    pub const EQUAL: Self = Self(0.5);
+    pub const EQUAL: Self = Self { mu: 0.5, shown: [Shown { known: 0, shows: 0 }; 2] };
 
     /// The label of a preference held with weight `weight` in `(0.5, 1]`.
     ///
@@ -20,16 +48,49 @@ impl Label {
     /// μ = w if left is preferred, 1 − w if right, ½ if equal
     /// ```
     fn weighted(weight: f32, preference: Preference) -> Self {
-        match preference {
-            Preference::Left => Self(weight),
-            Preference::Equal => Self::EQUAL,
-            Preference::Right => Self(1.0 - weight),
-        }
+        let mu = match preference {
+            Preference::Left => weight,
+            Preference::Equal => Self::EQUAL.mu,
+            Preference::Right => 1.0 - weight,
+        };
+        Self { mu, ..Self::EQUAL }
     }
 
-    /// μ itself.
+    /// The same, by an answer that these justifications are active and this is preferred, where the last that there is, which
+    /// says nothing, is `default`.
+    ///
+    /// - Those that are active are shown by the segment that is not preferred and not by the other, or where none is, by both.
+    /// - By default, no segment shows anything.
+    /// - Where both show what is active, neither shows what is more severe, or that would have been named.
+    /// - The segment that is not preferred shows nothing less severe, or that would have been named, too. (It may still where
+    ///   both do, which is rare.)
+    /// - Of all others nothing follows.
+    fn naming(self, active: Active, preference: Preference, default: Justification) -> Self {
+        let below =
+            |justification: Justification| !(u64::MAX.checked_shl(justification.0.into()).unwrap_or(0));
+        if active.most_severe() == default {
+            return Self { shown: [Shown::default().with(below(default), false); 2], ..self };
+        }
+        let named = active.iter().filter(|it| *it != default).fold(0, |all, it| all | 1u64 << it.0);
+        let more_severe = below(active.most_severe());
+        let better = Shown::default().with(named, false);
+        let worse = Shown::default().with(below(default) & !more_severe & !named, false).with(named, true);
+        let shown = match preference {
+            Preference::Left => [better, worse],
+            Preference::Right => [worse, better],
+            Preference::Equal => [Shown::default().with(more_severe, false).with(named, true); 2],
+        };
+        Self { shown, ..self }
+    }
+
+    /// μ in `[0, 1]`.
     pub fn mu(self) -> f32 {
-        self.0
+        self.mu
+    }
+
+    /// What the left and the right segment were said to show. Only answers that name justifications say anything.
+    pub fn shown(self) -> [Shown; 2] {
+        self.shown
     }
 }
 
@@ -85,7 +146,9 @@ impl Weights {
                 SafetyAnswer::Both(preference) => Label::weighted(self.default, preference),
             }),
             Response::Justified(active, preference) => {
-                Some(Label::weighted(self.justifications.weight(active.most_severe()), preference))
+                let weight = self.justifications.weight(active.most_severe());
+                let default = self.justifications.default();
+                Some(Label::weighted(weight, preference).naming(active, preference, default))
             }
         }
     }
@@ -144,7 +207,6 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
-    use crate::query::Justification;
 
     #[test]
     fn the_labels_of_safety_answers_are_those_of_table_1() {
@@ -176,6 +238,27 @@ mod tests {
                 sides.iter().zip(expected).map(|(mu, expected)| (mu - expected).abs()).fold(0.0, f32::max);
             assert!(apart < 1e-6, "{name}: {sides:?} instead of {expected:?}");
         }
+    }
+
+    /// What is known of both sides about each of grass, chuckhole and car.
+    fn shown(places: &[u8], preference: Preference) -> [[Option<bool>; 3]; 2] {
+        let named = [("grass", 1.0), ("chuckhole", 1.0), ("car", 1.0), ("default", 0.75)];
+        let weights = Weights { justifications: Justifications::new(named).unwrap(), ..Weights::paper() };
+        let active = places.iter().map(|place| Active::of(Justification(*place)));
+        let active = active.reduce(|all, one| all.with(one.most_severe())).unwrap();
+        let label = weights.label(&Response::Justified(active, preference)).unwrap();
+        label.shown().map(|side| [0, 1, 2].map(|place| side.shows(Justification(place))))
+    }
+
+    #[test]
+    fn an_answer_tells_what_each_clip_shows_as_far_as_that_follows() {
+        let (yes, no, unknown) = (Some(true), Some(false), None);
+        assert_eq!(shown(&[3], Preference::Left), [[no; 3]; 2], "by default: nothing is shown");
+        assert_eq!(shown(&[1], Preference::Left), [[unknown, no, unknown], [unknown, yes, no]]);
+        assert_eq!(shown(&[0, 2], Preference::Right), [[yes, no, yes], [no, unknown, no]]);
+        assert_eq!(shown(&[1], Preference::Equal), [[no, yes, unknown]; 2], "grass would have been named");
+        let plain = Weights::paper().label(&Response::Safety(SafetyAnswer::OnlyLeft)).unwrap();
+        assert_eq!((plain.shown(), plain.shown()[0].n_places()), ([Shown::default(); 2], 0));
     }
 
     fn any_preference() -> impl Strategy<Value = Preference> {

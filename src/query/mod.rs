@@ -15,7 +15,7 @@ pub mod transition;
 
 pub use justification::{Active, Justification, JustificationError, Justifications};
 pub use known::{KnownClips, sample_balanced, sample_least_answered};
-pub use label::{Label, Weights};
+pub use label::{Label, Shown, Weights};
 pub use pool::{Pool, most_disagreed};
 pub use response::{Preference, Protocol, Response, SafetyAnswer, SkipReason};
 pub use segment::{DreamId, Query, QueryId, SEGMENT_LEN, SegmentRef, sample_queries};

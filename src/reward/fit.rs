@@ -1,4 +1,5 @@
-//! Fitting the ensemble to answers: Bradley–Terry cross-entropy with soft labels (method §8).
+//! Fitting the ensemble to answers: Bradley–Terry cross-entropy with soft labels (method §8), and where they name justifications,
+//! what each segment shows.
 
 mod gradients;
 
@@ -10,9 +11,10 @@ use serde::{Deserialize, Serialize};
 use tch::{Kind, Tensor, nn};
 
 use crate::dream::Rows;
-use crate::query::{Label, SEGMENT_LEN, SegmentRef};
+use crate::query::{Label, SEGMENT_LEN, SegmentRef, Shown};
+use crate::reward::hazards::HazardFit;
 use crate::reward::metrics::{Prediction, PredictionMetrics};
-use crate::reward::{RewardConfig, RewardEnsemble, Schedule};
+use crate::reward::{Learned, RewardConfig, RewardEnsemble, Schedule};
 use crate::tensor::adam::pytorch_adam;
 use crate::tensor::{NotFinite, dims, from_slice, require_finite, to_vec};
 use crate::world::{Action, ActionRanges};
@@ -21,6 +23,10 @@ pub use gradients::GradientNorm;
 
 /// How many answers the recent metrics look back on.
 pub const RECENT: usize = 50;
+/// Steps in which hazards are learned, for each in which labels are.
+const HAZARD_UPDATES: usize = 2;
+/// After so many of them a fit tells how far it is.
+const ROUND: usize = 10;
 /// Two segments as the ensemble reads them, and which is better: the triple (σ⁰, σ¹, μ) of the paper.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SegmentPair {
@@ -82,6 +88,13 @@ struct Pair {
     /// `[2, k, F + A]`.
     rows: Tensor,
     label: Label,
+}
+
+impl Pair {
+    /// As many hazards as its answer knows anything of.
+    fn n_hazards(&self) -> i64 {
+        self.label.shown().map(Shown::n_places).into_iter().max().unwrap_or(0) as i64
+    }
 }
 
 impl Clone for Pair {
@@ -189,23 +202,74 @@ impl Trainer {
         mut on_epoch: impl FnMut(&Self, &EpochReport) -> ControlFlow<()>,
     ) -> Result<ControlFlow<()>, NotFinite> {
         self.begin_anew(rng);
-        let n_epochs = self.ensemble.config.epochs(self.pairs.len());
+        let n_passes = self.ensemble.config.epochs(self.pairs.len());
+        let n_hazards = self.n_hazards();
+        let n_rounds =
+            if n_hazards > 0 { (HAZARD_UPDATES * self.ensemble.config.updates).div_ceil(ROUND) } else { 0 };
+        let n_epochs = n_passes + n_rounds;
         if on_epoch(self, &EpochReport { epoch: 0, n_epochs, losses: Vec::new() }).is_break() {
             return Ok(ControlFlow::Break(()));
         }
-        for epoch in 1..=n_epochs {
+        let mut last = Vec::new();
+        for epoch in 1..=n_passes {
             let left = match self.ensemble.config.schedule {
-                Schedule::Falling => 1.0 - (epoch - 1) as f64 / n_epochs as f64,
+                Schedule::Falling => 1.0 - (epoch - 1) as f64 / n_passes as f64,
                 Schedule::Authors { .. } => 1.0,
             };
             self.adam.set_lr(self.ensemble.config.learning_rate * left);
             let losses = self.epoch(rng);
             require_losses(&losses, epoch, "the reward")?;
+            last.clone_from(&losses);
             if on_epoch(self, &EpochReport { epoch, n_epochs, losses }).is_break() {
                 return Ok(ControlFlow::Break(()));
             }
         }
         require_finite(&self.ensemble.store, "the reward")?;
+        self.fit_hazards(n_hazards, n_rounds, rng, |trainer, round| {
+            let report = EpochReport { epoch: n_passes + round, n_epochs, losses: last.clone() };
+            on_epoch(trainer, &report)
+        })
+    }
+
+    /// As many hazards as answers name, where more than labels is learned.
+    fn n_hazards(&self) -> i64 {
+        match self.ensemble.config.learned {
+            Learned::Hazards => self.pairs.iter().map(Pair::n_hazards).max().unwrap_or(0),
+            Learned::Label => 0,
+        }
+    }
+
+    /// Learns beside the reward what hazards look like: so many, in rounds of [`ROUND`] steps.
+    fn fit_hazards(
+        &mut self,
+        n_hazards: i64,
+        n_rounds: usize,
+        rng: &mut impl Rng,
+        mut on_round: impl FnMut(&Self, usize) -> ControlFlow<()>,
+    ) -> Result<ControlFlow<()>, NotFinite> {
+        let RewardEnsemble { config, kind, .. } = &self.ensemble;
+        let config = RewardConfig { hazards: n_hazards, ..config.clone() };
+        let sides = self.pairs.iter().map(|pair| ([0, 1].map(|side| pair.rows.select(0, side)), pair.label));
+        let sides: Vec<_> = sides.collect();
+        let answers: Vec<_> = sides.iter().map(|([left, right], label)| (left, right, *label)).collect();
+        let (device, row_len) = (self.ensemble.store.device(), self.ensemble.row_len());
+        let Some(mut fit) = HazardFit::new(&config, *kind, device, &answers, row_len, rng) else {
+            return Ok(ControlFlow::Continue(()));
+        };
+        let n_updates = n_rounds * ROUND;
+        for round in 0..n_rounds {
+            for i in round * ROUND..(round + 1) * ROUND {
+                let loss = fit.step(1.0 - i as f64 / n_updates as f64, rng);
+                require_losses(&[loss], round + 1, "what tells hazards")?;
+            }
+            if on_round(self, round + 1).is_break() {
+                return Ok(ControlFlow::Break(()));
+            }
+        }
+        let hazards = fit.into_hazards();
+        require_finite(hazards.store(), "what tells hazards")?;
+        self.ensemble.config.hazards = n_hazards;
+        self.ensemble.hazards = Some(hazards);
         Ok(ControlFlow::Continue(()))
     }
 
@@ -239,7 +303,10 @@ impl Trainer {
         if pairs.is_empty() || held_out.is_empty() {
             return Ok(None);
         }
-        let mut rest = Self { pairs, ..Self::new(self.ensemble.fresh(rng)) };
+        let mut ensemble = self.ensemble.fresh(rng);
+        // Answers are predicted by what labels taught.
+        ensemble.config.learned = Learned::Label;
+        let mut rest = Self { pairs, ..Self::new(ensemble) };
         if rest.fit(rng, on_epoch)?.is_break() {
             return Ok(None);
         }
@@ -279,7 +346,7 @@ impl Trainer {
         to_vec(&losses.detach())
     }
 
-    /// What the mean of the members expects of `pair`.
+    /// What the mean of the members expects of `pair`, without what hazards cost.
     fn predict(&self, pair: &Pair) -> Prediction {
         let e = self.ensemble.config.members;
         let returns = tch::no_grad(|| {
@@ -321,7 +388,7 @@ impl RewardEnsemble {
 
     /// Another ensemble of the same shape that has learned nothing.
     fn fresh(&self, rng: &mut impl Rng) -> Self {
-        let config: RewardConfig = self.config.clone();
+        let config = RewardConfig { hazards: 0, ..self.config.clone() };
         Self::new(self.inputs.clone(), config, rng).in_kind(self.kind).on(self.backend())
     }
 }
@@ -349,7 +416,8 @@ pub(super) mod tests {
     use rand_chacha::ChaCha8Rng;
 
     use super::*;
-    use crate::query::{DreamId, Preference, Response, SafetyAnswer, Weights};
+    use crate::query::{DreamId, Justification, Justifications, Preference, Response, SafetyAnswer, Weights};
+    use crate::reward::RewardModel as _;
     use crate::tensor::normal;
 
     pub(super) const F: i64 = 6;
@@ -406,6 +474,85 @@ pub(super) mod tests {
         assert!(done.unwrap().is_continue() && last.iter().all(|loss| *loss < 0.1), "{last:?}");
         let all: Vec<_> = trainer.pairs.iter().map(|pair| trainer.predict(pair)).collect();
         assert_eq!(PredictionMetrics::of(&all).unwrap().agreement, Some(1.0));
+    }
+
+    /// Twelve answers about segments of which the worse shows, in five steps, a spill (its first feature is 1) or a crash
+    /// (its second is). Each third names neither.
+    fn naming(config: RewardConfig, weight: f32) -> Trainer {
+        let named = [("spill", 1.0), ("crash", weight), ("default", 0.75)];
+        let weights = Weights { justifications: Justifications::new(named).unwrap(), ..Weights::paper() };
+        let mut trainer =
+            Trainer::new(RewardEnsemble::new((F, "sha256:0"), config, &mut rng(0)).in_kind(Kind::Float));
+        for i in 0..12 {
+            let place = [0, 1, 2][i % 3];
+            let segment = |seed, shows: bool| {
+                let mut rows = to_vec(&normal(&mut rng(seed), &[SEGMENT_LEN as i64, F + 3]));
+                for (t, row) in rows.chunks_mut(F as usize + 3).enumerate() {
+                    (row[0], row[1]) = (0.0, 0.0);
+                    if shows && place < 2 && (5..10).contains(&t) {
+                        row[place] = 1.0;
+                    }
+                }
+                rows
+            };
+            let response = Response::Justified(Justification(place as u8).into(), Preference::Right);
+            let label = weights.label(&response).unwrap();
+            let (left, right) = (segment(2 * i as u64, true), segment(2 * i as u64 + 1, false));
+            trainer.add(&SegmentPair { left, right, label });
+        }
+        trainer
+    }
+
+    /// What hazards cost in steps that show a spill, a crash and nothing.
+    fn costs(trainer: &Trainer) -> Option<Vec<f32>> {
+        let rows = [[1.0, 0.0], [0.0, 1.0], [0.0, 0.0]].map(|first| [first.as_slice(), &[0.0; 7]].concat());
+        Some(to_vec(&trainer.ensemble().hazards()?.costs(&from_slice(&rows.concat(), &[3, F + 3]))))
+    }
+
+    #[test]
+    fn what_answers_name_is_found_in_the_steps_that_show_it() {
+        let config = RewardConfig { updates: 100, learned: Learned::Hazards, ..RewardConfig::tiny() };
+        let mut trainer = naming(config.clone(), 1.0);
+        let mut last = None;
+        let done = trainer.fit(&mut rng(1), |report| {
+            last = Some((report.epoch, report.n_epochs));
+            ControlFlow::Continue(())
+        });
+        assert!(done.unwrap().is_continue() && last.is_some_and(|(epoch, n)| epoch == n), "{last:?}");
+        let found = costs(&trainer).unwrap();
+        assert!(found[0] > 0.3 && found[1] > 0.3 && found[2] < 0.1, "{found:?}");
+
+        // What an answer of less weight names costs less, and labels are learned as they are alone.
+        let mut lighter = naming(config.clone(), 0.6);
+        let _ = lighter.fit(&mut rng(1), |_| ControlFlow::Continue(())).unwrap();
+        assert!(costs(&lighter).unwrap()[1] < 0.5 * found[1]);
+        let mut alone = naming(RewardConfig { learned: Learned::Label, ..config }, 1.0);
+        let _ = alone.fit(&mut rng(1), |_| ControlFlow::Continue(())).unwrap();
+        assert_eq!(costs(&alone), None);
+        for (one, other) in alone.ensemble.layers.iter().zip(&trainer.ensemble.layers) {
+            assert_eq!(to_vec(&one.weight), to_vec(&other.weight));
+        }
+    }
+
+    #[test]
+    fn hazards_travel_with_the_reward_and_cost_alike_everywhere() {
+        let mut trainer = naming(RewardConfig { learned: Learned::Hazards, ..RewardConfig::tiny() }, 0.9);
+        let _ = trainer.fit(&mut rng(1), |_| ControlFlow::Continue(())).unwrap();
+        let ensemble = trainer.ensemble();
+        assert_eq!(ensemble.config().hazards, 2);
+        let (features, actions) = (normal(&mut rng(5), &[4, 3, F]), normal(&mut rng(6), &[4, 3, 3]));
+        let rewards = to_vec(&ensemble.rewards(&features, &actions));
+        let parameters = ensemble.parameters();
+        let loaded = RewardEnsemble::load(&parameters).unwrap().in_kind(Kind::Float);
+        assert_eq!(to_vec(&loaded.rewards(&features, &actions)), rewards);
+        assert_eq!(RewardEnsemble::relaid(&parameters).unwrap().bytes(), parameters.bytes());
+        let frozen = to_vec(&loaded.for_inference().rewards(&features, &actions));
+        assert!(frozen.iter().zip(&rewards).all(|(one, other)| (one - other).abs() < 1e-5));
+        let rows = Tensor::cat(&[&features, &actions], -1).flatten(0, 1);
+        let plain = ensemble.forward(&rows.expand([2, -1, -1], false)).mean_dim(0, false, Kind::Float);
+        let costs = ensemble.hazards().unwrap().costs(&rows);
+        let apart = from_slice(&rewards, &[12]) - (plain - costs);
+        assert!(apart.abs().max().double_value(&[]) < 1e-5, "what hazards cost is taken off");
     }
 
     #[test]

@@ -2,7 +2,7 @@
 
 use tch::{Kind, Tensor};
 
-use crate::reward::{RewardEnsemble, RewardModel};
+use crate::reward::{Hazards, RewardEnsemble, RewardModel};
 
 /// A [`RewardEnsemble`] with its weights cast and laid out once, for speed.
 ///
@@ -16,6 +16,7 @@ pub struct InferenceReward {
     first: [Tensor; 2],
     /// `[E, in, out]` and `[E, 1, out]`.
     rest: Vec<[Tensor; 2]>,
+    hazards: Option<Hazards>,
 }
 
 impl RewardEnsemble {
@@ -33,6 +34,7 @@ impl RewardEnsemble {
                 rest: rest
                     .map(|(i, layer)| [&layer.weight, &layer.bias].map(|t| t.to_kind(kind(i)).copy()))
                     .collect(),
+                hazards: self.hazards.as_ref().map(|hazards| hazards.for_inference(self.kind)),
             }
         })
     }
@@ -52,7 +54,9 @@ impl RewardModel for InferenceReward {
                 x = bias.baddbmm(&x.to_kind(weight.kind()), weight, 1, 1);
                 x = if i + 1 == self.rest.len() { x.tanh() } else { x.leaky_relu() };
             }
-            x.mean_dim(0, false, Kind::Float).view(shape.as_slice())
+            let rewards = x.mean_dim(0, false, Kind::Float).view([-1]);
+            let costs = self.hazards.as_ref().map(|hazards| hazards.costs(&rows));
+            costs.map_or(rewards.shallow_clone(), |costs| rewards - costs).view(shape.as_slice())
         })
     }
 }

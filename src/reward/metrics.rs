@@ -38,7 +38,7 @@ impl PredictionMetrics {
             return None;
         }
         let mean = |loss: fn(&Prediction) -> f64| predictions.iter().map(loss).sum::<f64>() / n as f64;
-        let strict: Vec<_> = predictions.iter().filter(|f| f.label != Label::EQUAL).collect();
+        let strict: Vec<_> = predictions.iter().filter(|f| f.label.mu() != Label::EQUAL.mu()).collect();
         let n_agreed = strict.iter().filter(|f| (f.p - 0.5) * (f64::from(f.label.mu()) - 0.5) > 0.0).count();
         Some(Self {
             n,

@@ -4,6 +4,7 @@
 
 mod disagreement;
 pub mod fit;
+mod hazards;
 pub mod inference;
 pub mod learned;
 pub mod metrics;
@@ -27,6 +28,7 @@ use crate::world::{Action, ActionRanges};
 use crate::world_model::{ModelIdentity, WorldModel, fast_kind};
 
 pub use fit::{EpochReport, GradientNorm, SegmentPair, Trainer, segment_rows};
+pub use hazards::Hazards;
 pub use inference::InferenceReward;
 pub use learned::{LearnedReward, RewardKind, RewardNetworks};
 pub use metrics::PredictionMetrics;
@@ -36,6 +38,8 @@ pub use sparse_fit::{HeldOut, SparseFit, fit_sparse_anew};
 
 /// The most that a fit goes through all labels, as in the authors' code for Car Racing: few labels are soon overfitted.
 const MAX_EPOCHS: usize = 60;
+/// As many justifications as can be named.
+const MAX_HAZARDS: i64 = 64;
 
 /// The shape of a [`RewardEnsemble`], and how it is fitted (method §8).
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -56,6 +60,36 @@ pub struct RewardConfig {
     /// How a fit goes on from there.
     #[serde(default, skip_serializing_if = "Schedule::is_falling")]
     pub schedule: Schedule,
+    /// What of an answer is learned.
+    #[serde(default, skip_serializing_if = "Learned::is_label")]
+    pub learned: Learned,
+    /// J: how many [hazards](Hazards) are told beside. A fit sets it: as many as its answers name, and none where labels alone are
+    /// learned.
+    #[serde(default, skip_serializing_if = "is_none")]
+    pub hazards: i64,
+}
+
+/// What of an answer is learned.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Learned {
+    /// Its label alone, as in the paper.
+    #[default]
+    Label,
+    /// That, and where it names justifications, what each of the two segments shows: see [`Hazards`].
+    Hazards,
+}
+
+impl Learned {
+    #[expect(clippy::trivially_copy_pass_by_ref, reason = "serde hands over a reference")]
+    fn is_label(&self) -> bool {
+        *self == Self::Label
+    }
+}
+
+#[expect(clippy::trivially_copy_pass_by_ref, reason = "serde hands over a reference")]
+fn is_none(n: &i64) -> bool {
+    *n == 0
 }
 
 /// How a fit begins and ends.
@@ -92,6 +126,8 @@ impl RewardConfig {
             batch: 128,
             learning_rate: 3e-4,
             schedule: Schedule::Falling,
+            learned: Learned::Label,
+            hazards: 0,
         }
     }
 
@@ -100,7 +136,8 @@ impl RewardConfig {
     #[must_use]
     pub fn authors(self, n_justifications: usize) -> Self {
         let epochs = if n_justifications > 1 { 40 } else { MAX_EPOCHS };
-        Self { learning_rate: 3e-4, batch: 128, schedule: Schedule::Authors { epochs }, ..self }
+        let schedule = Schedule::Authors { epochs };
+        Self { learning_rate: 3e-4, batch: 128, schedule, learned: Learned::Label, ..self }
     }
 
     /// How often a fit goes through `n_labels` labels.
@@ -121,6 +158,7 @@ impl RewardConfig {
         if let Schedule::Authors { epochs } = self.schedule {
             within("the number of the reward's passes through all labels", epochs, 1..=MAX_COUNT)?;
         }
+        within("the number of hazards that the reward tells apart", self.hazards, 0..=MAX_HAZARDS)?;
         within("the reward's learning rate", self.learning_rate, 0.0..=1e3)
     }
 
@@ -134,6 +172,8 @@ impl RewardConfig {
             batch: 4,
             learning_rate: 1e-2,
             schedule: Schedule::Falling,
+            learned: Learned::Label,
+            hazards: 0,
         }
     }
 }
@@ -161,6 +201,7 @@ impl<R: RewardModel + ?Sized> RewardModel for Box<R> {
 /// ```
 ///
 /// A member is `layers` times (linear, leaky ReLU of slope 0.01) and one linear output.
+/// Where answers named hazards, what they cost is taken off: see [`Hazards`].
 /// All members lie stacked, so that each layer of the whole ensemble is one batched product.
 #[derive(Debug)]
 pub struct RewardEnsemble {
@@ -170,6 +211,8 @@ pub struct RewardEnsemble {
     kind: Kind,
     store: nn::VarStore,
     layers: Vec<Layer>,
+    /// What is learned beside labels.
+    hazards: Option<Hazards>,
 }
 
 /// One linear layer of every member.
@@ -354,7 +397,7 @@ impl RewardEnsemble {
             layers.push(Layer { weight, bias });
             inputs = outputs;
         }
-        Self { config, inputs: read, kind: fast_kind(), store, layers }
+        Self { config, inputs: read, kind: fast_kind(), store, layers, hazards: None }
     }
 
     /// Makes the reward of everything 0, without touching what lies before the outputs.
@@ -370,11 +413,12 @@ impl RewardEnsemble {
         let slots = Self::slots(&config, inputs.row_len());
         // Before anything is made: what a header promises, the file must hold.
         parameters.require(Self::KEY, &slots, layout)?;
+        let hazards = Hazards::load(parameters, layout, &config, inputs.row_len())?;
         // The draw is overwritten at once.
         let rng = &mut ChaCha8Rng::seed_from_u64(0);
         let ensemble = Self::new(inputs, config, rng);
         parameters.fill(Self::KEY, &slots, layout, &ensemble.store)?;
-        Ok(ensemble)
+        Ok(Self { hazards, ..ensemble })
     }
 
     /// `parameters`, which must be those of an ensemble, in this program's layout.
@@ -383,7 +427,10 @@ impl RewardEnsemble {
         let (layout, header) = Header::of(parameters, Self::KEY, RewardConfig::check)?;
         let (inputs, config) = header.into_parts();
         let slots = Self::slots(&config, inputs.row_len());
-        let relaid = parameters.relaid(Self::KEY, &[(Self::KEY, &slots)], layout, LAYOUT);
+        let of_hazards = Hazards::slots(&config, inputs.row_len());
+        let all: [(&str, &[Slot]); 2] = [(Self::KEY, &slots), (Hazards::KEY, &of_hazards)];
+        let n = if config.hazards > 0 { 2 } else { 1 };
+        let relaid = parameters.relaid(Self::KEY, &all[..n], layout, LAYOUT);
         Ok(relaid.unwrap_or_else(|| parameters.clone()))
     }
 
@@ -397,7 +444,12 @@ impl RewardEnsemble {
     pub fn parameters(&self) -> Parameters {
         let header = Header::new(self.config.clone(), self.inputs.clone());
         let slots = Self::slots(&self.config, self.row_len());
-        Parameters::stored(&[(Self::KEY, &self.store, &slots)], &[(Self::KEY, described(&header))])
+        let of_hazards = Hazards::slots(&self.config, self.row_len());
+        let mut stored = vec![(Self::KEY, &self.store, slots.as_slice())];
+        stored.extend(
+            self.hazards.as_ref().map(|hazards| (Hazards::KEY, hazards.store(), of_hazards.as_slice())),
+        );
+        Parameters::stored(&stored, &[(Self::KEY, described(&header))])
     }
 
     /// The same ensemble with its products computed in `kind`. Where nothing is said it is [`fast_kind`].
@@ -412,6 +464,9 @@ impl RewardEnsemble {
         if device != self.store.device() {
             self.store.set_device(device);
             self.kind = kind;
+            if let Some(hazards) = &mut self.hazards {
+                hazards.set_device(device);
+            }
         }
         self
     }
@@ -458,12 +513,16 @@ impl RewardEnsemble {
     /// - returns `[E, …]`, in `(-1, 1)`
     pub fn member_rewards(&self, features: &Tensor, scaled_actions: &Tensor) -> Tensor {
         let mut shape = features.size();
-        shape[features.dim() - 1] = -1;
-        let rows = Tensor::cat(&[self.here(features), self.here(scaled_actions)], -1); // […, F + A]
-        let rows = rows.view([-1, self.row_len()]).expand([self.config.members, -1, -1], false); // [E, N, F + A]
         shape.pop();
         shape.insert(0, self.config.members);
-        tch::no_grad(|| self.forward(&rows)).view(shape.as_slice())
+        let rows = Tensor::cat(&[self.here(features), self.here(scaled_actions)], -1); // […, F + A]
+        let rows = rows.view([-1, self.row_len()]); // [N, F + A]
+        tch::no_grad(|| {
+            let rewards = self.forward(&rows.expand([self.config.members, -1, -1], false)); // [E, N]
+            let costs = self.hazards.as_ref().map(|hazards| hazards.costs(&rows));
+            costs.map_or(rewards.shallow_clone(), |costs| rewards - costs)
+        })
+        .view(shape.as_slice())
     }
 
     /// How long the rows are that the networks read: F + A.
@@ -485,6 +544,11 @@ impl RewardEnsemble {
             x = if i == self.config.layers { x.to_kind(Kind::Float).tanh() } else { x.leaky_relu_() };
         }
         x.view([e, n])
+    }
+
+    /// What tells hazards, where answers named any.
+    pub fn hazards(&self) -> Option<&Hazards> {
+        self.hazards.as_ref()
     }
 }
 

@@ -7,7 +7,8 @@ use std::path::{Path, PathBuf};
 use crate::dream::{DreamEpisode, Rows};
 use crate::query::{DreamId, JudgedTransition, LabeledQuery, SEGMENT_LEN, SegmentRef, Transition};
 use crate::reward::{
-    EpochReport, RewardKind, RewardNetworks, fit_anew, fit_sparse_anew, segment_rows, transition_row,
+    EpochReport, Learned, RewardConfig, RewardKind, RewardNetworks, fit_anew, fit_sparse_anew, segment_rows,
+    transition_row,
 };
 use crate::session::clip_hash::{self, ClipHash, ClipHashes};
 use crate::session::error::SessionError;
@@ -134,7 +135,8 @@ impl Replay {
                     let (episode, features) = dreams.get(segment.dream)?;
                     Ok::<_, SessionError>(segment_rows(features, &episode.actions, model.ranges(), segment))
                 };
-                let config = reward.config().clone();
+                // Losses are those of labels.
+                let config = RewardConfig { learned: Learned::Label, ..reward.config().clone() };
                 fit_anew(model, config, seed, &replayed.labels, rows, go_on)?.map(|fitted| fitted.losses)
             }
             RewardNetworks::Verdicts(reward) => {

@@ -70,6 +70,10 @@ def networks(folder, given, backend):
     yield "decode, layout 1 (of 255)", apart(old.decode(z).astype(np.int64), rust["old painted"]), 2
     found = old.imagine(dropj.State(z, *old.no_memory(len(z))), actions)
     yield "imagine, layout 1", apart(found.features, rust["old imagined"]), CLOSE
+    hazards = dropj.load_reward(given["hazards"], backend=backend)
+    rows = (rust["dream features"], rust["dream actions"])
+    yield "reward with hazards", apart(hazards.reward(*rows), rust["hazards"]), CLOSE
+    yield "hazards", apart(hazards.hazards(*rows), rust["hazards shown"]), CLOSE
     for name in ("joint", "apart", "old sparse", "old reward"):
         reward = dropj.load_reward(given[name], backend=backend)
         features = rust["few features"] if "old" in name else rust["dream features"]

@@ -11,6 +11,8 @@ from ._networks import Network
 
 # What verdicts are worth, in the order of their classes: unsafe, neutral, good.
 _WORTHS = np.array([-1, 0, 10], np.float32)
+# What is taken from what a network says of a hazard before the sigmoid.
+_HAZARD_PRIOR = 4
 
 
 def load_reward(path, *, world=None, backend=None, device=None):
@@ -30,6 +32,7 @@ class _Ensemble(Network):
     config       how they are made and were fitted
     n_features   how many features of a state they read
     n_members    how many networks there are
+    n_hazards    how many hazards are told beside, 0 in most
     axes         names, low and high of an action's numbers
     world_model  the hash of the world model whose features they read
     """
@@ -42,6 +45,7 @@ class _Ensemble(Network):
                 header[name] for name in ("config", "n_features", "world_model")
             )
             self.n_members = self.config["members"]
+            self.n_hazards = self.config.get("hazards", 0)
             parameters = self._understood(layout, tensors)
             self.n_actions = parameters["0.weight"].shape[2] - self.n_features
             self.axes = axes_of(world_of(metadata, header), self.n_actions)
@@ -69,28 +73,39 @@ class _Ensemble(Network):
             self.axes = world.axes
 
     def _understood(self, layout, tensors):
-        """Weights [E, out, in] and biases [E, out] of each layer."""
+        """Weights [E, out, in] and biases [E, out] of each layer, and the same of what tells hazards."""
+        parameters, n_in = self._layers(layout, tensors, self._key, self.n_members, self._n_outputs)
+        if self.n_hazards:
+            hazards, n_read = self._layers(layout, tensors, "hazards", 1, self.n_hazards)
+            cost = tensors["hazards.cost"]
+            if n_read != n_in or cost.shape != (self.n_hazards,):
+                raise ValueError(f"what tells hazards reads {n_read} numbers, the rest {n_in}, and costs have the shape {cost.shape}")
+            parameters |= {f"hazards.{name}": value for name, value in hazards.items()} | {"hazards.cost": cost}
+        return parameters
+
+    def _layers(self, layout, tensors, key, n_members, n_outputs):
+        """The layers of networks that are stored under this key, and how many numbers they read."""
         n_layers, hidden = self.config["layers"], self.config["hidden"]
         parameters, n_in = {}, None
         for i in range(n_layers + 1):
-            weight, bias = (tensors[f"{self._key}.{i}.{part}"] for part in ("weight", "bias"))
+            weight, bias = (tensors[f"{key}.{i}.{part}"] for part in ("weight", "bias"))
             if layout == 1:
                 weight, bias = weight.transpose(0, 2, 1), bias[:, 0]
-            n_out = self._n_outputs if i == n_layers else hidden
+            n_out = n_outputs if i == n_layers else hidden
             n_in = weight.shape[2] if n_in is None else n_in
-            if weight.shape != (self.n_members, n_out, n_in) or bias.shape != (self.n_members, n_out):
+            if weight.shape != (n_members, n_out, n_in) or bias.shape != (n_members, n_out):
                 raise ValueError(f"layer {i} has the shapes {weight.shape} and {bias.shape}")
             parameters[f"{i}.weight"] = np.ascontiguousarray(weight)
             parameters[f"{i}.bias"] = np.ascontiguousarray(bias)
             n_in = n_out
-        return parameters
+        return parameters, parameters["0.weight"].shape[2]
 
-    def _through(self, m, x, activation):
+    def _through(self, m, x, activation, key="", n_members=None):
         """What each member makes of rows [..., F + A]: [E, N, outputs]."""
-        x = m.stacked(x.reshape((-1, x.shape[-1])), self.n_members)
-        n = len(m.t) // 2
+        x = m.stacked(x.reshape((-1, x.shape[-1])), n_members or self.n_members)
+        n = self.config["layers"] + 1
         for i in range(n):
-            x = m.members(x, m.t[f"{i}.weight"], m.t[f"{i}.bias"])
+            x = m.members(x, m.t[f"{key}{i}.weight"], m.t[f"{key}{i}.bias"])
             x = activation(x) if i + 1 < n else x
         return x
 
@@ -105,7 +120,10 @@ class _Ensemble(Network):
 
 
 class Reward(_Ensemble):
-    """The mean of networks that learned preferences. Each says a number from -1 to 1."""
+    """The mean of networks that learned preferences, each of which says a number from -1 to 1, less what hazards cost.
+
+    Where answers named justifications, one more network tells how likely a step shows each hazard, from 0 to 1.
+    """
 
     _key, _n_outputs = "reward", 1
 
@@ -130,10 +148,21 @@ class Reward(_Ensemble):
         with self._computing(features, actions) as m:
             return m.out(self._said(m, features, actions).mean(0))
 
+    def hazards(self, features, actions):
+        """How likely states with these features [..., F] and actions as driven [..., A] show each hazard: [..., J]."""
+        with self._computing(features, actions) as m:
+            return m.out(self._shown(m, self._rows(m, features, self._scaled(m, m.taken(actions)))))
+
     def _said(self, m, features, actions):
         x = self._rows(m, features, self._scaled(m, m.taken(actions)))
-        y = m.tanh(self._through(m, x, m.leaky_relu))
-        return y.reshape((self.n_members, *x.shape[:-1]))
+        y = m.tanh(self._through(m, x, m.leaky_relu)).reshape((self.n_members, *x.shape[:-1]))
+        if not self.n_hazards:
+            return y
+        return y - (self._shown(m, x) * m.t["hazards.cost"]).sum(-1)
+
+    def _shown(self, m, x):
+        told = self._through(m, x, m.leaky_relu, "hazards.", 1)
+        return m.sigmoid(told - _HAZARD_PRIOR).reshape((*x.shape[:-1], self.n_hazards))
 
 
 class SparseReward(_Ensemble):
