@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 use tch::{Kind, Tensor, nn};
 
 use crate::dream::Rows;
-use crate::query::{Label, SEGMENT_LEN, SegmentRef, Shown};
+use crate::query::{Justification, Label, SEGMENT_LEN, SegmentRef, Shown};
 use crate::reward::hazards::HazardFit;
 use crate::reward::metrics::{Prediction, PredictionMetrics};
 use crate::reward::{Learned, RewardConfig, RewardEnsemble, Schedule};
@@ -231,12 +231,16 @@ impl Trainer {
         })
     }
 
-    /// As many hazards as answers name, where more than labels is learned.
+    /// As many hazards as answers name, where more than labels is learned, and of at least one it is known what shows it and
+    /// what does not.
     fn n_hazards(&self) -> i64 {
-        match self.ensemble.config.learned {
-            Learned::Hazards => self.pairs.iter().map(Pair::n_hazards).max().unwrap_or(0),
-            Learned::Label => 0,
-        }
+        let n = self.pairs.iter().map(Pair::n_hazards).max().unwrap_or(0);
+        let told = |hazard: i64, wanted| {
+            let mut sides = self.pairs.iter().flat_map(|pair| pair.label.shown());
+            sides.any(|shown| shown.shows(Justification(hazard as u8)) == Some(wanted))
+        };
+        let is_any = || (0..n).any(|hazard| told(hazard, true) && told(hazard, false));
+        if self.ensemble.config.learned == Learned::Hazards && is_any() { n } else { 0 }
     }
 
     /// Learns beside the reward what hazards look like: so many, in rounds of [`ROUND`] steps.
@@ -388,7 +392,7 @@ impl RewardEnsemble {
 
     /// Another ensemble of the same shape that has learned nothing.
     fn fresh(&self, rng: &mut impl Rng) -> Self {
-        let config = RewardConfig { hazards: 0, ..self.config.clone() };
+        let config: RewardConfig = self.config.clone();
         Self::new(self.inputs.clone(), config, rng).in_kind(self.kind).on(self.backend())
     }
 }
@@ -416,7 +420,7 @@ pub(super) mod tests {
     use rand_chacha::ChaCha8Rng;
 
     use super::*;
-    use crate::query::{DreamId, Justification, Justifications, Preference, Response, SafetyAnswer, Weights};
+    use crate::query::{DreamId, Justifications, Preference, Response, SafetyAnswer, Weights};
     use crate::reward::RewardModel as _;
     use crate::tensor::normal;
 

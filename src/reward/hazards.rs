@@ -166,7 +166,7 @@ fn cost(weight: f32) -> f32 {
     logit(weight.min(SURE)) / logit(SURE)
 }
 
-/// Learns, in `updates` steps, what hazards look like from segments and what answers said of them.
+/// Learns what hazards look like, from segments and what answers said of them.
 #[derive(Debug)]
 pub(super) struct HazardFit<'a> {
     hazards: Hazards,
