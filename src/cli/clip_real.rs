@@ -51,7 +51,7 @@ pub(crate) fn drive(
     let (_, kept) = SessionStore::read_reward(dir)?;
     let none = || format!("the session {dir:?} has no reward yet: fit one in the window");
     let reward = LearnedReward::load(kept.as_ref().with_context(none)?, model)?;
-    let config = PlannerConfig::of(&env.spec, None).for_model(model);
+    let config = PlannerConfig::of_world(&env.spec, model);
     let config = if reward.is_sparse() { config.for_transitions() } else { config };
     let mut policy = PlanningPolicy::new(model, &reward, Agent::new(config, seed));
     let mut world = env.open(aids)?;

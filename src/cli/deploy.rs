@@ -228,13 +228,14 @@ fn planner_of(
     model: &WorldModel,
     is_sparse: bool,
 ) -> anyhow::Result<PlannerConfig> {
-    let planner = PlannerConfig::of(&env.spec, None).for_model(model);
+    let planner = PlannerConfig::of_world(&env.spec, model);
     let planner = match options.planner {
         PlannerName::Ours => planner,
         PlannerName::Paper => planner.authors(&env.spec),
     };
     let planner = if is_sparse { planner.for_transitions() } else { planner };
-    let planner = options.run_file.over("planner", &planner, PlannerConfig::check)?.for_model(model);
+    let planner =
+        options.run_file.over("planner", &planner, PlannerConfig::check)?.for_world(&env.spec, model);
     let horizon = options.horizon.map_or(planner.horizon, usize::from);
     let brake = options.brake.or(planner.brake);
     let given = options.memory_reset.map(|steps| (steps > 0).then_some(steps));

@@ -228,7 +228,7 @@ fn summary(spec: &WorldSpec) -> String {
     let planner = &spec.planner;
     let candidates = match planner.candidates.from {
         CandidateSource::File => {
-            format!("{} candidates", planner.candidates.constant.len() + planner.candidates.stages.len())
+            format!("{} candidates", planner.candidates.n_given())
         }
         CandidateSource::Recordings => "candidates from recordings".to_owned(),
     };

@@ -177,6 +177,8 @@ pub enum Plans {
     /// As the world's file says.
     #[default]
     Ours,
+    /// The same without the courses that the file gives whole.
+    WithoutCourses,
     /// As the authors do.
     Paper,
     /// In copies of the world itself, by its own reward: nothing is learned.
@@ -469,6 +471,7 @@ impl Variant {
     pub fn planner(&self, usual: PlannerConfig, spec: &WorldSpec) -> PlannerConfig {
         match self.plans {
             Plans::Ours | Plans::Oracle => usual,
+            Plans::WithoutCourses => PlannerConfig { courses: false, ..usual },
             Plans::Paper => usual.authors(spec),
         }
     }

@@ -6,7 +6,7 @@ use rand::{Rng, RngExt as _};
 
 use super::snippets::Snippets;
 use crate::planner::PlannerConfig;
-use crate::world::{Action, ActionRanges, CandidateSource, WorldSpec};
+use crate::world::{Action, ActionRanges, CandidateSource, Part, WorldSpec};
 
 /// How many candidates are made from recordings where the world's file does not say.
 const FROM_RECORDINGS: usize = 24;
@@ -20,7 +20,9 @@ pub struct CandidateSet {
     constant: Vec<Action>,
     /// Actions that others follow, each with its probability to come second.
     stages: Vec<(Action, f64)>,
-    /// Courses of action as they are.
+    /// Courses of action as the world's file gives them, which the authors' planner does not try.
+    given: Arc<[Vec<Action>]>,
+    /// Courses of action as they were recorded.
     whole: Arc<[Vec<Action>]>,
 }
 
@@ -33,12 +35,14 @@ impl CandidateSet {
             (CandidateSource::File, _) => Self {
                 constant: candidates.constant.iter().map(Action::new).collect(),
                 stages: candidates.stages.iter().map(|it| (Action::new(&it.action), it.follows)).collect(),
+                given: candidates.courses.iter().map(|parts| course(parts)).collect(),
                 whole: Arc::default(),
             },
             (CandidateSource::Recordings, Some(snippets)) => {
                 let count = candidates.count.unwrap_or(FROM_RECORDINGS);
                 let whole = snippets.clustered(count, spec);
-                Self { constant: vec![Action::new(spec.neutral())], stages: Vec::new(), whole: whole.into() }
+                let constant = vec![Action::new(spec.neutral())];
+                Self { constant, stages: Vec::new(), given: Arc::default(), whole: whole.into() }
             }
             (CandidateSource::Recordings, None) => Self::over_axes(spec),
         }
@@ -74,13 +78,14 @@ impl CandidateSet {
         Self {
             stages: distinct.iter().map(|action| (*action, share)).collect(),
             constant: distinct,
+            given: Arc::default(),
             whole: Arc::default(),
         }
     }
 
     /// S: how many candidates it makes.
     pub fn len(&self) -> usize {
-        self.constant.len() + self.stages.len() + self.whole.len()
+        self.constant.len() + self.stages.len() + self.given.len() + self.whole.len()
     }
 
     /// Whether it makes none.
@@ -88,7 +93,8 @@ impl CandidateSet {
         self.len() == 0
     }
 
-    /// The candidates of `horizon` steps each: the constant ones, then one for each first stage, then whole ones.
+    /// The candidates of `horizon` steps each: the constant ones, then one for each first stage, then those that
+    /// are given whole.
     ///
     /// A first stage lasts n ~ U{1 … H − 1} steps. The second is drawn from the same list for the rest.
     /// The generator gives n and then the second stage, candidate by candidate.
@@ -105,7 +111,7 @@ impl CandidateSet {
                 (0..horizon).map(|t| if t < n { *first } else { second }).collect()
             })
             .collect();
-        let whole = self.whole.iter().map(|actions| lasting(actions, horizon));
+        let whole = self.given.iter().chain(&*self.whole).map(|actions| lasting(actions, horizon));
         constant.chain(staged).chain(whole).collect()
     }
 
@@ -117,6 +123,12 @@ impl CandidateSet {
             u < below
         });
         at.unwrap_or(self.stages.len() - 1) // rounding
+    }
+
+    /// The same without those that the world's file gives whole.
+    pub(super) fn without_given(mut self) -> Self {
+        self.given = Arc::default();
+        self
     }
 
     /// The same with `strength` as the third number of every stage in which it is not 0: how hard cars brake.
@@ -137,12 +149,22 @@ impl Default for CandidateSet {
     }
 }
 
+/// A course of action in parts, each as long as it lasts.
+fn course(parts: &[Part]) -> Vec<Action> {
+    let each = parts.iter().map(|part| (Action::new(&part.action), part.steps));
+    each.flat_map(|(action, steps)| std::iter::repeat_n(action, steps)).collect()
+}
+
 /// The candidates of `config`.
 pub fn candidates(config: &PlannerConfig, rng: &mut impl Rng) -> Vec<Vec<Action>> {
-    match config.brake {
-        None => config.candidates.draw(config.horizon, rng),
-        Some(strength) => config.candidates.clone().braking(strength).draw(config.horizon, rng),
+    let mut all = config.candidates.clone();
+    if let Some(strength) = config.brake {
+        all = all.braking(strength);
     }
+    if !config.courses {
+        all = all.without_given();
+    }
+    all.draw(config.horizon, rng)
 }
 
 /// `actions` cut to `horizon` steps, or the last of them for as long as it takes.
@@ -231,6 +253,26 @@ mod tests {
             let n_changes = actions.windows(2).filter(|pair| pair[0] != pair[1]).count();
             assert!(n_changes <= usize::from(i >= 6), "candidate {i} changes {n_changes} times");
         }
+    }
+
+    #[test]
+    fn courses_are_as_the_file_gives_them_and_the_authors_planner_has_none() {
+        let mut spec = WorldSpec::default();
+        let part = |steer: f32, steps: usize| Part { action: vec![steer, 0.1, 0.0], steps };
+        spec.planner.candidates.courses = vec![vec![part(-1.0, 3), part(1.0, 2), part(0.0, 1)]];
+        let config = PlannerConfig { horizon: 9, ..PlannerConfig::of(&spec, None) };
+        let rng = &mut ChaCha8Rng::seed_from_u64(0);
+        let all = candidates(&config, rng);
+        assert_eq!((all.len(), config.candidates.len()), (16, 16));
+        let steers: Vec<f32> = all[15].iter().map(|action| action[0]).collect();
+        assert_eq!(
+            steers,
+            [-1.0, -1.0, -1.0, 1.0, 1.0, 0.0, 0.0, 0.0, 0.0],
+            "the last part lasts to the end"
+        );
+        let short = candidates(&PlannerConfig { horizon: 2, ..config.clone() }, rng);
+        assert_eq!(short[15], [Action::new([-1.0, 0.1, 0.0]); 2]);
+        assert_eq!(candidates(&config.authors(&spec), rng).len(), 15);
     }
 
     #[test]

@@ -43,12 +43,24 @@ pub struct PlannerConfig {
     /// Racing.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub brake: Option<f32>,
+    /// Whether it tries the courses that the world's file gives whole, too. The authors' does not.
+    #[serde(default = "yes", skip_serializing_if = "is_yes")]
+    pub courses: bool,
     /// How a plan is refined once all candidates were looked at, if it is. The authors' is not.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub refine: Option<Refinement>,
     /// What it chooses among: from the world's file, or from recordings.
     #[serde(skip)]
     pub candidates: CandidateSet,
+}
+
+fn yes() -> bool {
+    true
+}
+
+#[expect(clippy::trivially_copy_pass_by_ref, reason = "serde gives a reference")]
+fn is_yes(is: &bool) -> bool {
+    *is
 }
 
 impl PlannerConfig {
@@ -61,6 +73,7 @@ impl PlannerConfig {
             temperature: planner.temperature,
             memory_reset: planner.memory_reset,
             brake: None,
+            courses: true,
             refine: (planner.candidates.from == CandidateSource::Recordings).then(Refinement::default),
             candidates: CandidateSet::of(spec, snippets),
         }
@@ -68,7 +81,12 @@ impl PlannerConfig {
 
     /// That for the world of this model, with what its recordings show.
     pub fn of_model(model: &WorldModel) -> Self {
-        let spec = model.spec();
+        Self::of_world(model.spec(), model)
+    }
+
+    /// That for the world of this file, which may offer other candidates than that of the model, with what was recorded for
+    /// the model.
+    pub fn of_world(spec: &WorldSpec, model: &WorldModel) -> Self {
         let read = Snippets::read(model.parameters(), spec.axes.len(), model.config().mdn_rnn.latent);
         let snippets = read.unwrap_or_else(|met| {
             log::warn!("the recorded actions in the world model cannot be used: {met}");
@@ -80,7 +98,13 @@ impl PlannerConfig {
     /// The same among what the world of this model, and its recordings, offer.
     #[must_use]
     pub fn for_model(self, model: &WorldModel) -> Self {
-        let Self { candidates, .. } = Self::of_model(model);
+        self.for_world(model.spec(), model)
+    }
+
+    /// The same among what the world of this file, and the recordings for the model, offer.
+    #[must_use]
+    pub fn for_world(self, spec: &WorldSpec, model: &WorldModel) -> Self {
+        let Self { candidates, .. } = Self::of_world(spec, model);
         Self { candidates, ..self }
     }
 
@@ -101,7 +125,7 @@ impl PlannerConfig {
     pub fn authors(self, spec: &WorldSpec) -> Self {
         let brake = authors_brake(&spec.name);
         let horizon = if brake.is_some() { 15 } else { self.horizon };
-        Self { horizon, brake, refine: None, ..self }
+        Self { horizon, brake, courses: brake.is_none(), refine: None, ..self }
     }
 
     /// Ours for Car Racing: a longer look ahead and a gentler brake.
@@ -135,7 +159,7 @@ impl PlannerConfig {
 
     /// Ours for Obstacle Car Racing with chuckholes and other cars: the authors' brake there, and a longer look ahead.
     ///
-    /// `// DIFFERENCE:` 25 steps instead of 15, as in [`Self::car_racing`].
+    /// `// DIFFERENCE:` 25 steps instead of 15, as in [`Self::car_racing`], and courses that change lanes, too.
     pub fn obstacle_car_racing() -> Self {
         Self::built_in("obstacle-car-racing")
     }
@@ -143,6 +167,8 @@ impl PlannerConfig {
     /// Ours for Obstacle Car Racing with chuckholes alone: a longer look ahead, and a gentler brake.
     ///
     /// `// DIFFERENCE:` 25 steps instead of 15 and a brake of 0.05 instead of 0.1, as in [`Self::car_racing`].
+    /// Beside the authors' courses it tries gentle turns and changes of lane, without which nobody gets around what lies ahead:
+    /// assets/results has the measurements.
     pub fn obstacle_car_racing_chuckholes() -> Self {
         Self::built_in("obstacle-car-racing-chuckholes")
     }
@@ -295,7 +321,6 @@ mod tests {
     fn built_in_worlds_look_ahead_as_the_authors_do_or_as_we_measured() {
         let brake = |config: &PlannerConfig| {
             let all = candidates(config, &mut rng());
-            assert_eq!(all.len(), 15);
             all[14][0][2]
         };
         let told =
@@ -306,11 +331,26 @@ mod tests {
             let ours = PlannerConfig::built_in(name);
             assert_eq!(told(&ours), (25, 4, Some(50), 0.05));
             let spec = WorldSpec::built_in(name).unwrap();
-            assert_eq!(told(&ours.authors(&spec)), (15, 4, Some(50), brake));
+            assert_eq!(candidates(&ours, &mut rng()).len(), 37);
+            let authors = ours.authors(&spec);
+            assert_eq!(told(&authors), (15, 4, Some(50), brake));
+            assert_eq!(candidates(&authors, &mut rng()).len(), 15);
         }
         let other = WorldSpec { name: "arm".to_owned(), ..WorldSpec::default() };
         assert_eq!(told(&PlannerConfig::of(&other, None).authors(&other)), (25, 4, Some(50), 0.08));
         assert!(PlannerConfig::car_racing().refine.is_none() && PlannerConfig::paper().temperature == 0.1);
+    }
+
+    #[test]
+    fn another_file_of_a_world_may_offer_other_candidates() {
+        let model = untrained(&WorldModelConfig::tiny(), &mut rng());
+        let mut spec = WorldSpec::clone(model.spec());
+        spec.planner.candidates.stages.clear();
+        spec.planner.candidates.constant.truncate(2);
+        let config = PlannerConfig::of_world(&spec, &model);
+        assert_eq!(candidates(&config, &mut rng()).len(), 2);
+        assert_eq!(candidates(&config.clone().for_world(&spec, &model), &mut rng()).len(), 2);
+        assert_eq!(candidates(&config.for_model(&model), &mut rng()).len(), 15);
     }
 
     #[test]

@@ -7,7 +7,7 @@ use rand::{Rng, RngExt as _};
 use tch::{Device, Kind, Tensor, nn};
 
 use super::{Layer, RewardConfig, RewardError, stacked_slots};
-use crate::query::{Justification, Label};
+use crate::query::{Justification, Label, Shown};
 use crate::tensor::adam::pytorch_adam;
 use crate::tensor::{Parameters, Slot, uniform};
 
@@ -17,6 +17,8 @@ const PRIOR: f64 = 4.0;
 const LEAST_PROBABILITY: f64 = 1e-6;
 /// Segments in a batch: as many that show a hazard as do not, of each hazard alike.
 const BATCH: usize = 256;
+/// What a hazard costs whose answers are sure, where labels know another better.
+const COST: f64 = 0.3;
 /// The weight of an answer above which a hazard costs no more.
 const SURE: f32 = 0.99;
 
@@ -26,10 +28,15 @@ const SURE: f32 = 0.99;
 /// λ_j = softplus(h_j(x, ã) − 4)    how often a step shows the hazard j
 /// p_j = 1 − exp(−λ_j)              how likely it does: σ(h_j − 4)
 /// r̂ = 1/E Σ_e tanh(member_e) − Σ_j κ_j p_j
-/// κ_j = min(logit w_j / logit 0.99, 1)
+///
+/// s_j = min(logit w_j / logit 0.99, 1)       what j costs in that of an answer that is sure
+/// δ_j = mean r of steps of segments without any hazard − mean r of steps of those with j, weighted by p_j
+/// κ_j = 0 where δ_j / s_j is largest, else 0.3 s_j
 /// ```
 ///
-/// `w_j` is the weight of answers that name j. Layers are those of a member of the [ensemble](super::RewardEnsemble).
+/// `w_j` is the weight of answers that name j, and r what labels alone made of a step: δ is what they let a hazard cost. The
+/// hazard that they know best is left to them: whatever is taken off for it, too, is all that drives (assets/results).
+/// Layers are those of a member of the [ensemble](super::RewardEnsemble).
 ///
 /// `// DIFFERENCE:` the paper learns from labels alone: that one segment of twenty steps is better than another. From answers
 /// about what is small and seldom seen, such a reward learns what is around it rather than the thing.
@@ -38,7 +45,7 @@ pub struct Hazards {
     kind: Kind,
     store: nn::VarStore,
     layers: Vec<Layer>,
-    /// κ: `[J]`.
+    /// κ: `[J]`, at least 0.
     costs: Tensor,
 }
 
@@ -140,7 +147,7 @@ impl Hazards {
         tch::no_grad(|| probability(&self.rates(&rows.to_device(self.store.device()))))
     }
 
-    /// What each hazard costs where it is certain: κ, J of them in `[0, 1]`.
+    /// What each hazard costs where it is certain, beside what labels let it cost: κ, J of them in `[0, 0.3]`.
     pub fn weights(&self) -> &Tensor {
         &self.costs
     }
@@ -161,7 +168,7 @@ fn probability(rates: &Tensor) -> Tensor {
 }
 
 /// What a hazard costs that answers of weight `weight` name, in `[0, 1]`: the logit of it, in that of an answer that is sure.
-fn cost(weight: f32) -> f32 {
+fn share(weight: f32) -> f32 {
     let logit = |p: f32| (p / (1.0 - p)).ln();
     logit(weight.min(SURE)) / logit(SURE)
 }
@@ -174,6 +181,10 @@ pub(super) struct HazardFit<'a> {
     learning_rate: f64,
     /// For each hazard the segments that show it, and those that do not. Hazards that lack either are not learned.
     bags: Vec<[Vec<Bag<'a>>; 2]>,
+    /// Segments that show no hazard at all.
+    clean: Vec<&'a Tensor>,
+    /// s: for each hazard what it costs in that of an answer that is sure; 0 where it is not learned.
+    shares: Vec<f64>,
 }
 
 impl<'a> HazardFit<'a> {
@@ -187,7 +198,7 @@ impl<'a> HazardFit<'a> {
         rng: &mut impl Rng,
     ) -> Option<Self> {
         let mut bags = Vec::new();
-        let mut costs = vec![0.0; config.hazards as usize];
+        let mut shares = vec![0.0; config.hazards as usize];
         for hazard in 0..config.hazards {
             let of = |wanted| {
                 let sides = answers
@@ -200,18 +211,22 @@ impl<'a> HazardFit<'a> {
             let both = [of(true), of(false)];
             if both.iter().all(|bags| !bags.is_empty()) {
                 bags.push(both);
-                costs[hazard as usize] = cost(weight_of(hazard as usize, answers));
+                shares[hazard as usize] = f64::from(share(weight_of(hazard as usize, answers)));
             }
         }
         if bags.is_empty() {
             return None;
         }
+        let sides =
+            answers.iter().flat_map(|(left, right, label)| [*left, *right].into_iter().zip(label.shown()));
+        let all = || (0..config.hazards).map(|hazard| Justification(hazard as u8));
+        let is_clean = |shown: &Shown| all().all(|place| shown.shows(place) == Some(false));
+        let clean = sides.filter(|(_, shown)| is_clean(shown)).map(|(rows, _)| rows).collect();
         let mut hazards = Hazards::new(config, row_len, rng);
-        tch::no_grad(|| hazards.costs.copy_(&Tensor::from_slice(&costs)));
         hazards.set_device(device);
         hazards.kind = kind;
         let adam = pytorch_adam(&hazards.store, config.learning_rate);
-        Some(Self { hazards, adam, learning_rate: config.learning_rate, bags })
+        Some(Self { hazards, adam, learning_rate: config.learning_rate, bags, clean, shares })
     }
 
     /// Moves by one step, where this share of all is `left`, and returns the loss before, in nats a segment:
@@ -239,10 +254,48 @@ impl<'a> HazardFit<'a> {
         loss.double_value(&[])
     }
 
-    /// What was learned.
-    pub(super) fn into_hazards(self) -> Hazards {
-        self.hazards
+    /// What was learned, where steps are worth `rewards` by labels alone: `[N, F + A]` in, `[N]` out.
+    pub(super) fn into_hazards(self, rewards: impl Fn(&Tensor) -> Tensor) -> Hazards {
+        let worth = |rows: &Tensor| rewards(rows).to_kind(Kind::Double);
+        let means: Vec<f64> =
+            self.clean.iter().map(|rows| worth(rows).mean(None::<Kind>).double_value(&[])).collect();
+        // Where each segment shows something, what is not shown stands for nothing.
+        let without = |hazard: usize| {
+            let [_, others] = &self.bags[hazard];
+            let all: Vec<f64> =
+                others.iter().map(|bag| worth(bag.rows).mean(None::<Kind>).double_value(&[])).collect();
+            mean(&all)
+        };
+        let mut known = vec![0.0; self.shares.len()];
+        for (i, [shown, _]) in self.bags.iter().enumerate() {
+            let Some(hazard) = shown.first().map(|bag| bag.hazard) else { continue };
+            let (mut sum, mut weight) = (0.0, 0.0);
+            for bag in shown {
+                let p = self.hazards.probabilities(bag.rows).select(1, hazard).to_kind(Kind::Double);
+                sum += (&p * worth(bag.rows)).sum(Kind::Double).double_value(&[]);
+                weight += p.sum(Kind::Double).double_value(&[]);
+            }
+            let usual = if means.is_empty() { without(i) } else { mean(&means) };
+            known[hazard as usize] = usual - sum / weight.max(f64::MIN_POSITIVE);
+        }
+        let costs = beside(&self.shares, &known);
+        let mut hazards = self.hazards;
+        tch::no_grad(|| hazards.costs.copy_(&Tensor::from_slice(&costs)));
+        hazards
     }
+}
+
+fn mean(values: &[f64]) -> f64 {
+    values.iter().sum::<f64>() / values.len().max(1) as f64
+}
+
+/// κ: what each hazard costs whose `shares` are above 0, where labels let it cost `known` already.
+fn beside(shares: &[f64], known: &[f64]) -> Vec<f32> {
+    let each = || shares.iter().zip(known).map(|(share, known)| known / share).enumerate();
+    let learned = each().filter(|(i, _)| shares[*i] > 0.0);
+    let best_known = learned.max_by(|(_, one), (_, other)| one.total_cmp(other)).map(|(i, _)| i);
+    let cost = |(i, share): (usize, &f64)| if Some(i) == best_known { 0.0 } else { (COST * share) as f32 };
+    shares.iter().enumerate().map(cost).collect()
 }
 
 /// The weight of answers that name this hazard as the most severe: that of the last, or ½ where there are none.
@@ -285,7 +338,28 @@ mod tests {
         for (weight, wanted) in
             [(1.0, 1.0), (0.99, 1.0), (0.95, 0.640_774), (0.75, 0.239_08), (0.6, 0.088_238), (0.5, 0.0)]
         {
-            assert!((cost(weight) - wanted).abs() < 1e-4, "{weight}: {}", cost(weight));
+            assert!((share(weight) - wanted).abs() < 1e-4, "{weight}: {}", share(weight));
         }
+    }
+
+    #[test]
+    fn what_labels_know_best_is_left_to_them() {
+        assert_eq!(beside(&[1.0, 1.0], &[0.5, 0.125]), [0.0, 0.3]);
+        assert_eq!(
+            beside(&[0.5, 1.0, 0.5], &[0.125, 0.5, 0.0]),
+            [0.15, 0.0, 0.15],
+            "the less it weighs, the less"
+        );
+        assert_eq!(
+            beside(&[0.5, 1.0], &[0.25, 0.25]),
+            [0.0, 0.3],
+            "as much of what weighs less is known better"
+        );
+        assert_eq!(
+            beside(&[0.0, 1.0, 1.0], &[0.0, -0.25, -0.5]),
+            [0.0, 0.0, 0.3],
+            "the first was not learned"
+        );
+        assert_eq!(beside(&[1.0], &[0.25]), [0.0]);
     }
 }

@@ -104,7 +104,7 @@ fn thoughts_ui(ui: &mut Ui, state: &View<'_>, commands: &mut Commands) {
     let room = ui.available_size() - vec2(0.0, 180.0);
     let n = match &state.deploy.view {
         Some(view) => view.candidates.len(),
-        None => state.spec.planner.candidates.constant.len() + state.spec.planner.candidates.stages.len(),
+        None => state.spec.planner.candidates.n_given(),
     };
     let grid = Cells::of(n.max(1), room, dream_shape(state));
     let (chosen, promised) = match &state.deploy.view {

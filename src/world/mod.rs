@@ -38,7 +38,7 @@ pub use protocol::{Fields, Hello, HelloAxis, HelloEvent, HelloImage, Reply, VERS
 pub use spec::{
     Axis, CandidateSource, Candidates, Count, EventKind, EventSpec, FORMAT, FittingOverrides, ImageSpec,
     JustificationSpec, KEYS, KeyInput, LabelWeights, MAX_SIDE, Margins, NetworkOverrides, PadAxis, PadInput,
-    PlannerSpec, Release, Size, Source, SourceKind, Stage, TimeOuts, When, WorldSpec,
+    Part, PlannerSpec, Release, Size, Source, SourceKind, Stage, TimeOuts, When, WorldSpec,
 };
 
 /// A world that can be acted in.

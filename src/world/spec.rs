@@ -41,6 +41,8 @@ const TRAINED_SIDE: RangeInclusive<u32> = 8..=1024;
 const MAX_STEPS: usize = 10_000_000;
 /// Candidates of a plan.
 const MAX_CANDIDATES: usize = 4096;
+/// Further ahead nobody looks.
+const MAX_HORIZON: usize = 200;
 /// Values of axes and events: beyond this single precision has nothing to say.
 const MAX_VALUE: f32 = 1e9;
 
@@ -558,6 +560,8 @@ pub struct Candidates {
     /// From the file: actions that others follow. Each stage comes first in one candidate, for n ~ U{1 … H − 1} steps;
     /// the second is drawn from the same list.
     pub stages: Vec<Stage>,
+    /// From the file: whole courses of action, each in parts that follow one another; the last part lasts to the end.
+    pub courses: Vec<Vec<Part>>,
     /// From recordings: how many.
     pub count: Option<usize>,
 }
@@ -577,6 +581,30 @@ impl CandidateSource {
     /// As in the file.
     pub fn name(self) -> &'static str {
         if self == Self::File { "file" } else { "recordings" }
+    }
+}
+
+impl Candidates {
+    /// How many the file gives.
+    pub fn n_given(&self) -> usize {
+        self.constant.len() + self.stages.len() + self.courses.len()
+    }
+}
+
+/// An action that lasts for some steps of a course.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Part {
+    /// A number for each axis.
+    pub action: Vec<f32>,
+    /// How many. The last part of a course lasts to the end, whatever it says.
+    #[serde(default = "Part::one_step")]
+    pub steps: usize,
+}
+
+impl Part {
+    fn one_step() -> usize {
+        1
     }
 }
 
@@ -955,7 +983,7 @@ impl EventSpec {
 
 impl PlannerSpec {
     fn check(&self, axes: &[Axis]) -> Result<(), SpecFault> {
-        within("planner.horizon", self.horizon, 1..=200)?;
+        within("planner.horizon", self.horizon, 1..=MAX_HORIZON)?;
         within("planner.replan", self.replan, 1..=self.horizon)?;
         within("planner.temperature", self.temperature, 1e-6..=1e3)?;
         within("planner.memory_reset", self.memory_reset.unwrap_or(1), 1..=MAX_STEPS)?;
@@ -981,16 +1009,24 @@ impl Candidates {
         };
         belongs("constant", !self.constant.is_empty(), CandidateSource::File)?;
         belongs("stages", !self.stages.is_empty(), CandidateSource::File)?;
+        belongs("courses", !self.courses.is_empty(), CandidateSource::File)?;
         belongs("count", self.count.is_some(), CandidateSource::Recordings)?;
         within(key("count"), self.count.unwrap_or(1), 1..=MAX_CANDIDATES)?;
         if self.from == CandidateSource::Recordings {
             return Ok(());
         }
-        let n = self.constant.len() + self.stages.len();
-        within("the number of planner.candidates", n, 1..=MAX_CANDIDATES)?;
+        within("the number of planner.candidates", self.n_given(), 1..=MAX_CANDIDATES)?;
         let constant = self.constant.iter().map(|action| ("constant", action));
-        for (name, action) in constant.chain(self.stages.iter().map(|stage| ("stages", &stage.action))) {
+        let stages = self.stages.iter().map(|stage| ("stages", &stage.action));
+        let parts = self.courses.iter().flatten().map(|part| ("courses", &part.action));
+        for (name, action) in constant.chain(stages).chain(parts) {
             check_action(&key(name), action, axes)?;
+        }
+        for course in &self.courses {
+            within("the number of parts of one of planner.candidates.courses", course.len(), 1..=MAX_LISTED)?;
+            for part in course {
+                within(key("courses.steps"), part.steps, 1..=MAX_HORIZON)?;
+            }
         }
         for stage in &self.stages {
             within(key("stages.follows"), stage.follows, 0.0..=1.0)?;

@@ -78,6 +78,7 @@ memory_reset = 20
 from = "file"
 constant = [[0.0, 256.0]]
 stages = [{ action = [-2.5, 0.0], follows = 0.25 }, { action = [0.5, 512.0], follows = 0.75 }]
+courses = [[{ action = [0.5, 0.0], steps = 3 }, { action = [-0.5, 0.0], steps = 2 }, { action = [0.0, 256.0] }]]
 
 [networks]
 latent = 8
@@ -287,6 +288,17 @@ fn what_is_wrong_with_a_world_file_is_said_in_a_sentence() {
         ),
         ("[[0.0, 256.0]]", "[[0.0, 999.0]]", "planner.candidates.constant for \"lift\" is 999"),
         ("follows = 0.25", "follows = 0.5", "the values of `follows` sum to 1.25, and must sum to 1"),
+        (
+            "action = [0.0, 256.0] }",
+            "action = [0.0] }",
+            "planner.candidates.courses is an action of 1, and must be of 2 numbers",
+        ),
+        ("steps = 3", "steps = 0", "planner.candidates.courses.steps is 0, and must be from 1 to 200"),
+        (
+            "courses = [[",
+            "courses = [[], [",
+            "the number of parts of one of planner.candidates.courses is 0, and must be from 1 to 64",
+        ),
         ("latent = 8", "latent = 0", "networks.latent is 0, and must be from 1"),
         ("held_out = 0.25", "held_out = nan", "fitting.held_out is NaN"),
     ];

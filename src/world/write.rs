@@ -3,7 +3,7 @@
 use std::fmt::Write as _;
 
 use super::spec::{Axis, Candidates, Count, EventSpec, Margins, SourceKind, TimeOuts, When};
-use super::{CandidateSource, Source, WorldSpec};
+use super::{CandidateSource, Part, Source, WorldSpec};
 
 impl WorldSpec {
     /// The file that says this world, with comments. Read again it is equal.
@@ -219,6 +219,15 @@ fn candidates(candidates: &Candidates) -> String {
     for stage in &candidates.stages {
         let _ =
             writeln!(text, "    {{ action = {}, follows = {:?} }},", numbers(&stage.action), stage.follows);
+    }
+    text.push_str("]\n");
+    if candidates.courses.is_empty() {
+        return text;
+    }
+    text.push_str("courses = [  # whole ones; the last part lasts to the end\n");
+    for course in &candidates.courses {
+        let part = |part: &Part| format!("{{ action = {}, steps = {} }}", numbers(&part.action), part.steps);
+        let _ = writeln!(text, "    [{}],", course.iter().map(part).collect::<Vec<_>>().join(", "));
     }
     text + "]\n"
 }
