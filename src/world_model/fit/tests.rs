@@ -16,9 +16,12 @@ use crate::world::{Action, End, Frame, WorldSpec};
 use crate::world_model::fit::{FitConfig, Progress, check_world, fit_world};
 use crate::world_model::{WorldModel, WorldModelConfig};
 
-/// Of each epoch, those of vision first.
+/// Of each epoch, those of vision first, where vision is trained in bf16.
 const LOSSES: [[f64; 2]; 4] =
     [[92.72897, 101.436], [91.58750, 102.969], [1.21116, 1.12891], [1.18187, 1.07495]];
+/// The same in single precision.
+const LOSSES_IN_F32: [[f64; 2]; 4] =
+    [[92.72836, 101.4333], [91.59819, 102.9396], [1.21672, 1.13386], [1.18882, 1.08235]];
 
 /// Four episodes of a gray that comes and goes.
 fn recordings(dir: &Path) -> Dataset {
@@ -67,8 +70,9 @@ fn a_fit_on_the_processor_learns_what_it_always_learned() {
     let dir = tempfile::tempdir().unwrap();
     let dataset = recordings(&dir.path().join("data"));
     let losses = brief(dir.path(), &dataset);
-    for (found, wanted) in losses.iter().flatten().zip(LOSSES.iter().flatten()) {
-        assert!((found / wanted - 1.0).abs() < 2e-3, "{losses:?} instead of {LOSSES:?}");
+    let wanted = if crate::tensor::fast_kind() == Kind::Float { LOSSES_IN_F32 } else { LOSSES };
+    for (found, one) in losses.iter().flatten().zip(wanted.iter().flatten()) {
+        assert!((found / one - 1.0).abs() < 2e-3, "{losses:?} instead of {wanted:?}");
     }
 }
 
