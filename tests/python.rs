@@ -194,24 +194,28 @@ fn rewards(model: &WorldModel, folder: &Path) -> Vec<(String, Tensor)> {
     all
 }
 
-/// A reward that was learned from four answers about this dream, two of which name grass.
+/// A reward that was learned from six answers about this dream, of which two name grass and two water.
 fn naming_grass(model: &WorldModel, episode: &DreamEpisode, features: &Rows) -> RewardEnsemble {
     let mut weights = Weights::paper();
-    weights.justifications = Justifications::new([("grass", 0.9), ("default", 0.75)]).unwrap();
+    weights.justifications =
+        Justifications::new([("grass", 0.9), ("water", 0.9), ("default", 0.75)]).unwrap();
     let naming = RewardConfig { learned: Learned::Hazards, ..RewardConfig::tiny() };
     let ensemble = RewardEnsemble::new(RewardInputs::of(model), naming, &mut rng());
     let mut trainer = Trainer::new(ensemble.in_kind(Kind::Float));
-    for (i, place) in [0, 1, 0, 1].into_iter().enumerate() {
+    for (i, place) in [0, 1, 2, 0, 1, 2].into_iter().enumerate() {
         let rows = |start| {
             let segment = SegmentRef { dream: DreamId(0), start };
             segment_rows(features, &episode.actions, model.ranges(), segment)
         };
         let response = Response::Justified(Justification(place).into(), Preference::Left);
         let label = weights.label(&response).unwrap();
-        trainer.add(&SegmentPair { left: rows(40 * i), right: rows(200 + 40 * i), label });
+        trainer.add(&SegmentPair { left: rows(30 * i), right: rows(200 + 30 * i), label });
     }
     let _ = trainer.fit(&mut rng(), |_| ControlFlow::Continue(())).unwrap();
-    RewardEnsemble::load(&trainer.ensemble().parameters()).unwrap().in_kind(Kind::Float)
+    let reward = RewardEnsemble::load(&trainer.ensemble().parameters()).unwrap().in_kind(Kind::Float);
+    let costs = reward.hazards().unwrap().weights();
+    assert!(costs.max().double_value(&[]) > 0.0, "something is taken off: {costs:?}");
+    reward
 }
 
 /// What networks of the first layout make of a little, by name.

@@ -595,6 +595,19 @@ mod tests {
     }
 
     #[test]
+    fn without_courses_it_is_planned_among_the_others() {
+        let spec = WorldSpec::built_in("obstacle-car-racing-chuckholes").unwrap();
+        let rng = &mut <rand_chacha::ChaCha8Rng as rand::SeedableRng>::seed_from_u64(0);
+        let mut n = |plans: Plans| {
+            let all = Description { planners: vec![plans], ..named("q4-obstacles").unwrap() };
+            let variant = all.variants(Protocol::DropjMulti).remove(0);
+            let config = variant.planner(PlannerConfig::of(&spec, None), &spec);
+            crate::planner::candidates(&config, rng).len()
+        };
+        assert_eq!([Plans::Ours, Plans::WithoutCourses, Plans::Paper].map(&mut n), [37, 15, 15]);
+    }
+
+    #[test]
     fn an_oracle_learns_nothing_and_so_has_one_variant() {
         let all = named("oracle").unwrap();
         let variants = all.variants(Protocol::Dropj);

@@ -16,16 +16,13 @@ use crate::dream::Rows;
 use crate::reward::{RewardModel, scaled_actions_tensor};
 use crate::tensor::limits::{MAX_COUNT, OutOfRange, within};
 use crate::tensor::{NotFinite, to_vec};
-use crate::world::{Action, CandidateSource, WorldSpec, authors_brake};
+use crate::world::{Action, CandidateSource, MAX_HORIZON, WorldSpec, authors_brake};
 use crate::world_model::{Next, State, WorldModel, actions_tensor};
 
 pub use agent::Agent;
 pub use candidates::{CandidateSet, Refinement, candidates};
 pub use co_driver::CoDriver;
 pub use snippets::{Snippets, with_snippets, with_snippets_of};
-
-/// Further ahead nobody looks: what is imagined there has little to do with the world.
-const MAX_HORIZON: usize = 200;
 
 /// How the planner looks ahead (method §11).
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

@@ -231,7 +231,7 @@ impl Trainer {
         })
     }
 
-    /// As many hazards as answers name, where more than labels is learned, and of at least one it is known what shows it and
+    /// As many hazards as answers name, where more than labels is learned, and of at least two it is known what shows it and
     /// what does not.
     fn n_hazards(&self) -> i64 {
         let n = self.pairs.iter().map(Pair::n_hazards).max().unwrap_or(0);
@@ -239,8 +239,8 @@ impl Trainer {
             let mut sides = self.pairs.iter().flat_map(|pair| pair.label.shown());
             sides.any(|shown| shown.shows(Justification(hazard as u8)) == Some(wanted))
         };
-        let is_any = || (0..n).any(|hazard| told(hazard, true) && told(hazard, false));
-        if self.ensemble.config.learned == Learned::Hazards && is_any() { n } else { 0 }
+        let are_several = || (0..n).filter(|hazard| told(*hazard, true) && told(*hazard, false)).count() > 1;
+        if self.ensemble.config.learned == Learned::Hazards && are_several() { n } else { 0 }
     }
 
     /// Learns beside the reward what hazards look like: so many, in rounds of [`ROUND`] steps.

@@ -214,7 +214,8 @@ impl<'a> HazardFit<'a> {
                 shares[hazard as usize] = f64::from(share(weight_of(hazard as usize, answers)));
             }
         }
-        if bags.is_empty() {
+        // One alone would be left to labels.
+        if bags.len() < 2 {
             return None;
         }
         let sides =
@@ -259,15 +260,9 @@ impl<'a> HazardFit<'a> {
         let worth = |rows: &Tensor| rewards(rows).to_kind(Kind::Double);
         let means: Vec<f64> =
             self.clean.iter().map(|rows| worth(rows).mean(None::<Kind>).double_value(&[])).collect();
-        // Where each segment shows something, what is not shown stands for nothing.
-        let without = |hazard: usize| {
-            let [_, others] = &self.bags[hazard];
-            let all: Vec<f64> =
-                others.iter().map(|bag| worth(bag.rows).mean(None::<Kind>).double_value(&[])).collect();
-            mean(&all)
-        };
+        let usual = mean(&means);
         let mut known = vec![0.0; self.shares.len()];
-        for (i, [shown, _]) in self.bags.iter().enumerate() {
+        for [shown, _] in &self.bags {
             let Some(hazard) = shown.first().map(|bag| bag.hazard) else { continue };
             let (mut sum, mut weight) = (0.0, 0.0);
             for bag in shown {
@@ -275,7 +270,6 @@ impl<'a> HazardFit<'a> {
                 sum += (&p * worth(bag.rows)).sum(Kind::Double).double_value(&[]);
                 weight += p.sum(Kind::Double).double_value(&[]);
             }
-            let usual = if means.is_empty() { without(i) } else { mean(&means) };
             known[hazard as usize] = usual - sum / weight.max(f64::MIN_POSITIVE);
         }
         let costs = beside(&self.shares, &known);
@@ -285,6 +279,7 @@ impl<'a> HazardFit<'a> {
     }
 }
 
+/// The mean, 0 of none.
 fn mean(values: &[f64]) -> f64 {
     values.iter().sum::<f64>() / values.len().max(1) as f64
 }

@@ -369,7 +369,7 @@ impl RewardEnsemble {
     ///
     /// # Shapes
     /// - `features`: `[…, F]`, `scaled_actions`: `[…, A]`
-    /// - returns `[E, …]`, in `(-1, 1)`; with J hazards in `(-1 - J, 1)`
+    /// - returns `[E, …]`, in `(-1, 1)`; with J hazards in `(-1 - 0.3 J, 1)`
     pub fn member_rewards(&self, features: &Tensor, scaled_actions: &Tensor) -> Tensor {
         let mut shape = features.size();
         shape.pop();

@@ -177,7 +177,7 @@ fn kind_on(device: Device) -> Kind {
 /// The arithmetic in which large products are quickest on this processor.
 ///
 /// In bf16 where there are tiles for it (AMX), or where its dot product makes twice as much as `f32`'s: Intel's without tiles
-/// makes as much, and would have weights rearranged for nothing. On one of those a plan took 1.4 times as long in bf16.
+/// makes as much, and would have weights rearranged for nothing. On one of those a plan took 1.25 times as long in bf16.
 pub fn fast_kind() -> Kind {
     #[cfg(target_arch = "x86_64")]
     if std::arch::is_x86_feature_detected!("avx512bf16") {

@@ -37,8 +37,9 @@ pub use process::{Launch, Phase, Process, ProcessError, ProcessFault, ProcessWor
 pub use protocol::{Fields, Hello, HelloAxis, HelloEvent, HelloImage, Reply, VERSION};
 pub use spec::{
     Axis, CandidateSource, Candidates, Count, EventKind, EventSpec, FORMAT, FittingOverrides, ImageSpec,
-    JustificationSpec, KEYS, KeyInput, LabelWeights, MAX_SIDE, Margins, NetworkOverrides, PadAxis, PadInput,
-    Part, PlannerSpec, Release, Size, Source, SourceKind, Stage, TimeOuts, When, WorldSpec,
+    JustificationSpec, KEYS, KeyInput, LabelWeights, MAX_HORIZON, MAX_SIDE, Margins, NetworkOverrides,
+    PadAxis, PadInput, Part, PlannerSpec, Release, Size, Source, SourceKind, Stage, TimeOuts, When,
+    WorldSpec,
 };
 
 /// A world that can be acted in.

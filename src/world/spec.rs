@@ -41,8 +41,8 @@ const TRAINED_SIDE: RangeInclusive<u32> = 8..=1024;
 const MAX_STEPS: usize = 10_000_000;
 /// Candidates of a plan.
 const MAX_CANDIDATES: usize = 4096;
-/// Further ahead nobody looks.
-const MAX_HORIZON: usize = 200;
+/// Further ahead nobody looks: what is imagined there has little to do with the world.
+pub const MAX_HORIZON: usize = 200;
 /// Values of axes and events: beyond this single precision has nothing to say.
 const MAX_VALUE: f32 = 1e9;
 
